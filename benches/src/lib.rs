@@ -1,0 +1,1 @@
+//! Benchmarks of the hot loop; see `benches/`.
