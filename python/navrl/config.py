@@ -105,10 +105,10 @@ class RobotConfig:
 
 @dataclass(frozen=True, config=STRICT)
 class LidarConfig:
-    """Geometry and noise of the lidar (section III, equation 2). Beam i points at -fov/2 + (i + 1/2) fov/beams, right to left."""
+    """Geometry and noise of the lidar (section III, equation 2)."""
 
     beams: Annotated[int, Field(ge=1, le=4096)] = 180
-    """Number of beams."""
+    """Number of beams; beam i points at -fov/2 + (i + 1/2) fov/beams, right to left."""
     fov: Annotated[float, Field(gt=0, le=2 * pi)] = pi
     """Field of view (rad), centred on the lidar's x axis."""
     range_min: Annotated[float, Field(ge=0, le=1000)] = 0.0
@@ -143,7 +143,7 @@ class TaskConfig:
 
 @dataclass(frozen=True, config=STRICT)
 class RewardConfig:
-    """What a step is worth (section II, equations 3 and 5). Reported returns always use 100, -100, "paper" and no progress."""
+    """What a step is worth (section II, equations 3 and 5)."""
 
     goal: _NotNegative = 100.0
     """r_g: reward of the step that reaches the goal (equation 3)."""

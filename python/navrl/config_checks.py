@@ -1,25 +1,24 @@
 """Settings that exclude each other: what no range of a single setting can say.
 
-Each check reads as `require(condition, key, value, what is allowed)`; the first that fails is the error.
+Each line of the checks reads: refuse this key, unless it is as allowed.
 """
 
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
-from navrl.errors import ConfigError
+from navrl.errors import ConfigError, shown
 
 if TYPE_CHECKING:
-    from navrl.config import Config, LidarConfig, SimConfig
+    from navrl.config import Config, SimConfig
 
-# Goals lie at least this far from the start (m): a smaller range of goals would never yield one.
-LEAST_GOAL_DISTANCE = {"td3": 1.0, "boxes": 2.0, "open8": 1.0}
+# Goals of these worlds lie at least this far from the start (m): a smaller range of goals would never yield one.
+LEAST_GOAL_DISTANCE = {"td3": 1.0, "boxes": 2.0}
 MOST_STEPS = 1_000_000
 
 
-def require(condition: bool, key: str, value: object, allowed: str) -> None:
-    """Raises ConfigError with the setting, its value and what is allowed, unless the condition holds."""
-    if not condition:
-        shown = f'"{value}"' if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else value
-        raise ConfigError(f"{key} = {shown}: must be {allowed}", key=key)
+def _require(config: "SimConfig | Config", key: str, allowed: bool, expected: str) -> None:
+    if not allowed:
+        raise ConfigError(f"{key} = {shown(attrgetter(key)(config))}: must be {expected}", key=key)
 
 
 def check_sim(config: "SimConfig | Config") -> None:
@@ -30,36 +29,21 @@ def check_sim(config: "SimConfig | Config") -> None:
     """
     world, lidar, task = config.world, config.lidar, config.task
     least = LEAST_GOAL_DISTANCE.get(world.name, 0.0)
-    start = world.goal_range_start
-    require(
-        start >= least, "world.goal_range_start", start, f"at least {least} m, the least goal distance of this world"
-    )
-    require(
-        world.goal_range_max >= start,
-        "world.goal_range_max",
-        world.goal_range_max,
-        f"at least goal_range_start = {start}",
-    )
-    require(
-        lidar.range_min < lidar.range_max, "lidar.range_min", lidar.range_min, f"below range_max = {lidar.range_max}"
-    )
-    require(
-        lidar.bins <= lidar.beams, "lidar.bins", lidar.bins, f"at most beams = {lidar.beams}: every bin needs a beam"
-    )
+    start, most = world.goal_range_start, world.goal_range_max
+    _require(config, "world.goal_range_start", start >= least, f"at least {least} m: nearer goals are not drawn there")
+    _require(config, "world.goal_range_max", most >= start, f"at least goal_range_start = {start}")
+
+    nearest, farthest = lidar.range_min, lidar.range_max
+    _require(config, "lidar.range_min", nearest < farthest, f"below range_max = {farthest}")
+    _require(config, "lidar.bins", lidar.bins <= lidar.beams, f"at most beams = {lidar.beams}: every bin needs a beam")
+
     steps = task.time_limit / task.period
-    require(
-        0.5 <= steps <= MOST_STEPS,
-        "task.time_limit",
-        task.time_limit,
-        f"1 to {MOST_STEPS:,} periods of {task.period} s".replace(",", "_"),
-    )
+    expected = f"1 to {MOST_STEPS} periods of {task.period} s"
+    _require(config, "task.time_limit", 0.5 <= steps <= MOST_STEPS, expected)
     if task.collision == "sensor":
-        require(
-            nearest < task.sensor_range < farthest,
-            "task.sensor_range",
-            task.sensor_range,
-            f"between the lidar's range_min = {nearest} and range_max = {farthest}",
-        )
+        seen = nearest < task.sensor_range < farthest
+        expected = f"between lidar.range_min = {nearest} and lidar.range_max = {farthest}"
+        _require(config, "task.sensor_range", seen, expected)
 
 
 def check_config(config: "Config") -> None:
@@ -71,81 +55,55 @@ def check_config(config: "Config") -> None:
     check_sim(config)
     _check_length(config)
     _check_exploration(config)
-    _check_learner(config)
+    _check_replay(config)
+    if config.learner.mirror:
+        _check_mirror(config)
 
 
 def _check_length(config: "Config") -> None:
     training = config.training
-    require(training.steps > 0 or training.episodes > 0, "training.steps", 0, "> 0 unless training.episodes is set")
+    ends = training.steps > 0 or training.episodes > 0
+    _require(config, "training.steps", ends, "at least 1, unless training.episodes is set")
     if training.update_schedule == "per_episode":
-        require(training.num_envs == 1, "training.num_envs", training.num_envs, '1 with update_schedule "per_episode"')
+        _require(config, "training.num_envs", training.num_envs == 1, '1 with update_schedule = "per_episode"')
 
 
 def _check_exploration(config: "Config") -> None:
-    noise = config.exploration
+    noise, lidar = config.exploration, config.lidar
     if noise.schedule == "spread":
-        require(
-            noise.sigma_min <= noise.sigma_max,
-            "exploration.sigma_min",
-            noise.sigma_min,
-            f"at most sigma_max = {noise.sigma_max}",
-        )
+        rising = noise.sigma_min <= noise.sigma_max
+        _require(config, "exploration.sigma_min", rising, f"at most sigma_max = {noise.sigma_max}")
     else:
-        require(
-            noise.sigma_end <= noise.sigma_start,
-            "exploration.sigma_end",
-            noise.sigma_end,
-            f"at most sigma_start = {noise.sigma_start}",
-        )
-    require(
-        noise.forced_steps_min <= noise.forced_steps_max,
-        "exploration.forced_steps_min",
-        noise.forced_steps_min,
-        f"at most forced_steps_max = {noise.forced_steps_max}",
-    )
+        falling = noise.sigma_end <= noise.sigma_start
+        _require(config, "exploration.sigma_end", falling, f"at most sigma_start = {noise.sigma_start}")
     if noise.forced:
-        lidar = config.lidar
-        require(
-            lidar.range_min < noise.forced_range <= lidar.range_max,
-            "exploration.forced_range",
-            noise.forced_range,
-            f"above the lidar's range_min = {lidar.range_min} and at most its range_max = {lidar.range_max}",
+        most = noise.forced_steps_max
+        _require(
+            config, "exploration.forced_steps_min", noise.forced_steps_min <= most, f"at most forced_steps_max = {most}"
         )
+        seen = lidar.range_min < noise.forced_range <= lidar.range_max
+        expected = f"above lidar.range_min = {lidar.range_min} and at most lidar.range_max = {lidar.range_max}"
+        _require(config, "exploration.forced_range", seen, expected)
 
 
-def _check_learner(config: "Config") -> None:
+def _check_replay(config: "Config") -> None:
     learner, capacity = config.learner, config.replay.capacity
-    require(
-        capacity >= learner.batch_size,
-        "replay.capacity",
-        capacity,
-        f"at least learner.batch_size = {learner.batch_size}",
-    )
+    batch = learner.batch_size
+    _require(config, "replay.capacity", capacity >= batch, f"at least learner.batch_size = {batch}")
     # Every robot may end its episode in the same step and then hands in all rows that were still waiting.
     waiting = config.training.num_envs * (learner.n_step + learner.delayed_steps)
-    require(
-        capacity >= waiting,
-        "replay.capacity",
-        capacity,
-        f"at least num_envs x (n_step + delayed_steps) = {waiting}, the rows that one step may add",
-    )
-    if learner.mirror:
-        _check_mirror(config.lidar)
+    expected = f"at least num_envs x (n_step + delayed_steps) = {waiting}, the rows that one step may add"
+    _require(config, "replay.capacity", capacity >= waiting, expected)
 
 
-def _check_mirror(lidar: "LidarConfig") -> None:
-    allowed = "false for a lidar that is not symmetric"
-    require(
-        lidar.mount[1] == 0.0 and lidar.mount[2] == 0.0,
-        "learner.mirror",
-        True,
-        f"{allowed}: lidar.mount has y = {lidar.mount[1]}, yaw = {lidar.mount[2]}",
-    )
+def _check_mirror(config: "Config") -> None:
+    lidar = config.lidar
+    _, y, yaw = lidar.mount
+    expected = f"false for a lidar that is not symmetric: lidar.mount has y = {y}, yaw = {yaw}"
+    _require(config, "learner.mirror", y == 0.0 and yaw == 0.0, expected)
     # A beam exactly between two bins counts for the left one only, so its mirror image would differ.
     between = any((2 * beam + 1) * lidar.bins % (2 * lidar.beams) == 0 for beam in range(lidar.beams))
-    require(
-        not between,
-        "learner.mirror",
-        True,
-        f"{allowed}: of {lidar.beams} beams one lies exactly between two of {lidar.bins} bins",
+    expected = (
+        f"false: of {lidar.beams} beams one lies exactly between two of {lidar.bins} bins, which has no mirror image"
     )
+    _require(config, "learner.mirror", not between, expected)
