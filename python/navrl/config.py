@@ -40,8 +40,10 @@ STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
 def _world(name: Any) -> Any:  # noqa: ANN401 - any value may stand in a file
-    if isinstance(name, str) and name not in WORLDS and not (name.endswith(".json") and Path(name).is_file()):
-        raise ValueError("neither a world nor an existing file")
+    if isinstance(name, str) and name not in WORLDS:
+        name.encode()  # a file name that is not text cannot be written to config.toml
+        if not (name.endswith(".json") and Path(name).is_file()):
+            raise ValueError("neither a world nor an existing file")
     return name
 
 
@@ -54,7 +56,8 @@ _World = Annotated[
 ]
 _List = BeforeValidator(_tuple)
 _Sizes = Annotated[tuple[Annotated[int, Field(ge=1, le=8192)], ...], Field(min_length=2, max_length=8), _List]
-_Pose = Annotated[tuple[Annotated[float, Field(ge=-10, le=10)], ...], Field(min_length=3, max_length=3), _List]
+_Coordinate = Annotated[float, Field(ge=-10, le=10)]
+_Pose = Annotated[tuple[_Coordinate, _Coordinate, _Coordinate], _List]
 _Speed = Annotated[float, Field(gt=0, le=100)]
 _Length = Annotated[float, Field(gt=0, le=10)]
 _NotNegative = Annotated[float, Field(ge=0, le=1e6)]
@@ -255,7 +258,7 @@ class ExplorationConfig:
 class TrainingConfig:
     """Length and rhythm of a run (section III "Training")."""
 
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 0
     """Names every random stream of the run."""
     num_envs: Annotated[int, Field(ge=1, le=65536)] = 256
     """Robots stepped together; one such vector step is num_envs environment steps. Paper preset: 1."""

@@ -16,9 +16,10 @@ LEAST_GOAL_DISTANCE = {"td3": 1.0, "boxes": 2.0}
 MOST_STEPS = 1_000_000
 
 
-def _require(config: "SimConfig | Config", key: str, allowed: bool, expected: str) -> None:
+def _require(config: "SimConfig | Config", key: str, allowed: bool, expected: str, *others: str) -> None:
+    """Refuses the setting `key` unless it is allowed; `others` are the settings that it clashes with."""
     if not allowed:
-        raise ConfigError(f"{key} = {shown(attrgetter(key)(config))}: must be {expected}", key=key)
+        raise ConfigError(f"{key} = {shown(attrgetter(key)(config))}: must be {expected}", keys=(key, *others))
 
 
 def check_sim(config: "SimConfig | Config") -> None:
@@ -30,20 +31,34 @@ def check_sim(config: "SimConfig | Config") -> None:
     world, lidar, task = config.world, config.lidar, config.task
     least = LEAST_GOAL_DISTANCE.get(world.name, 0.0)
     start, most = world.goal_range_start, world.goal_range_max
-    _require(config, "world.goal_range_start", start >= least, f"at least {least} m: nearer goals are not drawn there")
-    _require(config, "world.goal_range_max", most >= start, f"at least goal_range_start = {start}")
+    _require(
+        config,
+        "world.goal_range_start",
+        start >= least,
+        f"at least {least} m: nearer goals are not drawn there",
+        "world.name",
+    )
+    _require(
+        config, "world.goal_range_max", most >= start, f"at least goal_range_start = {start}", "world.goal_range_start"
+    )
 
     nearest, farthest = lidar.range_min, lidar.range_max
-    _require(config, "lidar.range_min", nearest < farthest, f"below range_max = {farthest}")
-    _require(config, "lidar.bins", lidar.bins <= lidar.beams, f"at most beams = {lidar.beams}: every bin needs a beam")
+    _require(config, "lidar.range_min", nearest < farthest, f"below range_max = {farthest}", "lidar.range_max")
+    _require(
+        config,
+        "lidar.bins",
+        lidar.bins <= lidar.beams,
+        f"at most beams = {lidar.beams}: every bin needs a beam",
+        "lidar.beams",
+    )
 
     steps = task.time_limit / task.period
     expected = f"1 to {MOST_STEPS} periods of {task.period} s"
-    _require(config, "task.time_limit", 0.5 <= steps <= MOST_STEPS, expected)
+    _require(config, "task.time_limit", 0.5 <= steps <= MOST_STEPS, expected, "task.period")
     if task.collision == "sensor":
         seen = nearest < task.sensor_range < farthest
         expected = f"between lidar.range_min = {nearest} and lidar.range_max = {farthest}"
-        _require(config, "task.sensor_range", seen, expected)
+        _require(config, "task.sensor_range", seen, expected, "task.collision", "lidar.range_min", "lidar.range_max")
 
 
 def check_config(config: "Config") -> None:
@@ -63,47 +78,73 @@ def check_config(config: "Config") -> None:
 def _check_length(config: "Config") -> None:
     training = config.training
     ends = training.steps > 0 or training.episodes > 0
-    _require(config, "training.steps", ends, "at least 1, unless training.episodes is set")
+    _require(config, "training.steps", ends, "at least 1, unless training.episodes is set", "training.episodes")
     if training.update_schedule == "per_episode":
-        _require(config, "training.num_envs", training.num_envs == 1, '1 with update_schedule = "per_episode"')
+        _require(
+            config,
+            "training.num_envs",
+            training.num_envs == 1,
+            '1 with update_schedule = "per_episode"',
+            "training.update_schedule",
+        )
 
 
 def _check_exploration(config: "Config") -> None:
     noise, lidar = config.exploration, config.lidar
     if noise.schedule == "spread":
         rising = noise.sigma_min <= noise.sigma_max
-        _require(config, "exploration.sigma_min", rising, f"at most sigma_max = {noise.sigma_max}")
+        _require(
+            config, "exploration.sigma_min", rising, f"at most sigma_max = {noise.sigma_max}", "exploration.sigma_max"
+        )
     else:
         falling = noise.sigma_end <= noise.sigma_start
-        _require(config, "exploration.sigma_end", falling, f"at most sigma_start = {noise.sigma_start}")
+        _require(
+            config,
+            "exploration.sigma_end",
+            falling,
+            f"at most sigma_start = {noise.sigma_start}",
+            "exploration.sigma_start",
+        )
     if noise.forced:
         most = noise.forced_steps_max
         _require(
-            config, "exploration.forced_steps_min", noise.forced_steps_min <= most, f"at most forced_steps_max = {most}"
+            config,
+            "exploration.forced_steps_min",
+            noise.forced_steps_min <= most,
+            f"at most forced_steps_max = {most}",
+            "exploration.forced_steps_max",
         )
         seen = lidar.range_min < noise.forced_range <= lidar.range_max
         expected = f"above lidar.range_min = {lidar.range_min} and at most lidar.range_max = {lidar.range_max}"
-        _require(config, "exploration.forced_range", seen, expected)
+        _require(config, "exploration.forced_range", seen, expected, "lidar.range_min", "lidar.range_max")
 
 
 def _check_replay(config: "Config") -> None:
     learner, capacity = config.learner, config.replay.capacity
     batch = learner.batch_size
-    _require(config, "replay.capacity", capacity >= batch, f"at least learner.batch_size = {batch}")
+    _require(
+        config, "replay.capacity", capacity >= batch, f"at least learner.batch_size = {batch}", "learner.batch_size"
+    )
     # Every robot may end its episode in the same step and then hands in all rows that were still waiting.
     waiting = config.training.num_envs * (learner.n_step + learner.delayed_steps)
     expected = f"at least num_envs x (n_step + delayed_steps) = {waiting}, the rows that one step may add"
-    _require(config, "replay.capacity", capacity >= waiting, expected)
+    _require(
+        config,
+        "replay.capacity",
+        capacity >= waiting,
+        expected,
+        "training.num_envs",
+        "learner.n_step",
+        "learner.delayed_steps",
+    )
 
 
 def _check_mirror(config: "Config") -> None:
     lidar = config.lidar
     _, y, yaw = lidar.mount
     expected = f"false for a lidar that is not symmetric: lidar.mount has y = {y}, yaw = {yaw}"
-    _require(config, "learner.mirror", y == 0.0 and yaw == 0.0, expected)
+    _require(config, "learner.mirror", y == 0.0 and yaw == 0.0, expected, "lidar.mount")
     # A beam exactly between two bins counts for the left one only, so its mirror image would differ.
     between = any((2 * beam + 1) * lidar.bins % (2 * lidar.beams) == 0 for beam in range(lidar.beams))
-    expected = (
-        f"false: of {lidar.beams} beams one lies exactly between two of {lidar.bins} bins, which has no mirror image"
-    )
-    _require(config, "learner.mirror", not between, expected)
+    expected = f"false: of {lidar.beams} beams one lies exactly between two of {lidar.bins} bins: no mirror image"
+    _require(config, "learner.mirror", not between, expected, "lidar.beams", "lidar.bins")

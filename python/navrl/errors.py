@@ -12,8 +12,10 @@ def shown(value: object, *, longest: int = 60) -> str:
         text = dumps(value, ensure_ascii=False)
     elif isinstance(value, (list, tuple)):
         text = "[" + ", ".join(shown(item) for item in value[:longest]) + "]"
-    elif isinstance(value, int) and value.bit_length() > 4 * longest:
-        text = f"{value:#x}"
+    elif isinstance(value, dict):
+        text = "{" + ", ".join(f"{key} = {shown(item)}" for key, item in value.items()) + "}"
+    elif isinstance(value, int) and value.bit_length() > 64 * longest:
+        text = f"{value:#x}"  # Python writes numbers of so many digits only as powers of two
     else:
         text = str(value)
     text = " ".join(text.split())
@@ -28,12 +30,12 @@ class ConfigError(UserError):
     """A configuration that cannot be used.
 
     Attributes:
-        key: path of the setting, such as ``learner.tau``; empty if the whole source is at fault.
-        fault: what is wrong with it, without its source: ``learner.tau = 2: must be a number in (0, 1]``.
+        fault: what is wrong, without its source, such as ``learner.tau = 2: must be a number in (0, 1]``.
+        keys: paths of the settings at fault, the first being the one named; empty if the whole source is.
     """
 
-    def __init__(self, fault: str, *, key: str = "", source: str = "") -> None:
+    def __init__(self, fault: str, *, keys: tuple[str, ...] = (), source: str = "") -> None:
         """Joins the source (a file, a preset or an option; empty if unknown) and the fault to one line."""
         super().__init__(f"{source}: {fault}" if source else fault)
-        self.key = key
         self.fault = fault
+        self.keys = keys
