@@ -77,7 +77,7 @@ class WorldConfig:
     random_yaw: bool = True
     """Whether the boxes of "td3" take a uniform yaw, or yaw 0 as in the published world."""
     goal_range_start: Annotated[float, Field(gt=0, le=1000)] = 10.0
-    """Goals of training lie at start + uniform(-u, u) per axis; u (m) in a robot's first episode. Paper preset: 5."""
+    """Goals of training lie at start + uniform(-u, u) per axis; u (m) in a robot's first episode."""
     goal_range_growth: Annotated[float, Field(ge=0, le=1000)] = 0.004
     """Growth of u (m) with each episode of that robot."""
     goal_range_max: Annotated[float, Field(gt=0, le=1000)] = 10.0
@@ -151,11 +151,11 @@ class RewardConfig:
     goal: _NotNegative = 100.0
     """r_g: reward of the step that reaches the goal (equation 3)."""
     collision: Annotated[float, Field(ge=-1e6, le=0)] = -445.0
-    """r_c: reward of the step that collides (equation 3). Paper preset: -100."""
+    """r_c: reward of the step that collides (equation 3)."""
     form: Literal["paper", "halves"] = "paper"
     """Motion term of equation 3: v - abs(omega) in SI, or (v/v_max - abs(omega)/omega_max)/2 as was published."""
     progress: _NotNegative = 35.0
-    """Added for each metre by which the goal came nearer in the step (1/m). Paper preset: 0."""
+    """Added for each metre by which the goal came nearer in the step (1/m)."""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -163,7 +163,7 @@ class NetworksConfig:
     """Actor and critic (section III, equations 7 and 8)."""
 
     hidden_sizes: _Sizes = (128, 128)
-    """Units of the hidden layers (equation 8); the critic joins the action in the second. Paper preset: [800, 600]."""
+    """Units of the hidden layers (equation 8); the critic joins the action in the second."""
     encoding: Literal["inverse", "raw"] = "inverse"
     """Fixed encoding of observations: bins as 1/(range + 0.3) - 1, the goal's angle as sine and cosine; or as is."""
     initialization: Literal["zero_bias", "torch"] = "zero_bias"
@@ -261,11 +261,11 @@ class TrainingConfig:
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 0
     """Names every random stream of the run."""
     num_envs: Annotated[int, Field(ge=1, le=65536)] = 256
-    """Robots stepped together; one such vector step is num_envs environment steps. Paper preset: 1."""
+    """Robots stepped together; one such vector step is num_envs environment steps."""
     steps: _Count = 1_000_000
     """Environment steps after which the run ends; 0 means no limit."""
     episodes: _Count = 0
-    """Episodes after which the run ends; 0 means no limit. Paper preset: 800."""
+    """Episodes after which the run ends; 0 means no limit."""
     update_schedule: Literal["interleaved", "per_episode"] = "interleaved"
     """Updates after each vector step; or, with one robot, as many after an episode as it had steps (the paper)."""
     updates_per_step: Annotated[float, Field(gt=0, le=10000)] = 4.67
@@ -279,7 +279,7 @@ class ValidationConfig:
     """Tests during training, which choose the best checkpoint (section III "Training", equation 13)."""
 
     every_steps: Annotated[int, Field(ge=1, le=10**12)] = 25_000
-    """Environment steps between validations. Paper preset: 5,000."""
+    """Environment steps between validations."""
     scenarios: Annotated[int, Field(ge=1, le=1000)] = 1000
     """Scenarios per validation, the first of the world's validation list."""
 

@@ -211,7 +211,7 @@ def _fault(key: str, value: object) -> str:
 def _unknown_table(name: str) -> str:
     own = [key for key in _KEYS if key.endswith(f".{name}")]
     hint = _meant([*own, *get_close_matches(name, _TABLES, n=1)]) or f"; tables are {', '.join(_TABLES)}"
-    return f"{_shown_key(name)}: no such table{hint}"
+    return f"{_shown_key(name)}: no such table or key{hint}"
 
 
 def _unknown_key(table: str, name: str) -> str:

@@ -92,4 +92,6 @@ def _interval(limits: list[object]) -> str:
 
 
 def _number(value: Any) -> str:  # noqa: ANN401 - the bounds of annotated-types are untyped
-    return f"{value:_}" if isinstance(value, int) else f"{value:g}" if value == float(f"{value:g}") else repr(value)
+    if value != int(value):
+        return repr(value)
+    return f"{int(value):_}" if abs(value) >= 10_000 else str(int(value))
