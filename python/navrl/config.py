@@ -61,6 +61,7 @@ _Pose = Annotated[tuple[_Coordinate, _Coordinate, _Coordinate], _List]
 _Speed = Annotated[float, Field(gt=0, le=100)]
 _Length = Annotated[float, Field(gt=0, le=10)]
 _NotNegative = Annotated[float, Field(ge=0, le=1e6)]
+_Sigma = Annotated[float, Field(ge=0, le=10)]
 _Fraction = Annotated[float, Field(ge=0, le=1)]
 _Count = Annotated[int, Field(ge=0, le=10**12)]
 _Rate = Annotated[float, Field(gt=0, le=1)]
@@ -230,13 +231,13 @@ class ExplorationConfig:
 
     schedule: Literal["spread", "linear"] = "spread"
     """One sigma for each robot, spread evenly from sigma_min to sigma_max; or equation 11, the same for all robots."""
-    sigma_min: _NotNegative = 0.14
+    sigma_min: _Sigma = 0.14
     """"spread": sigma of the first robot, in units of the action."""
-    sigma_max: _NotNegative = 0.43
+    sigma_max: _Sigma = 0.43
     """"spread": sigma of the last robot, in units of the action."""
-    sigma_start: _NotNegative = 1.0
+    sigma_start: _Sigma = 1.0
     """"linear": sigma at the first step (equation 11)."""
-    sigma_end: _NotNegative = 0.1
+    sigma_end: _Sigma = 0.1
     """"linear": sigma after sigma_steps (equation 11)."""
     sigma_steps: Annotated[int, Field(ge=1, le=10**12)] = 500_000
     """"linear": environment steps from sigma_start to sigma_end (equation 11)."""

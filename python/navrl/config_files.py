@@ -12,11 +12,11 @@ from dataclasses import asdict, dataclass, fields
 from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, TypeVar, get_type_hints
 
 from pydantic import ValidationError
 
-from navrl.config import WORLDS, Config
+from navrl.config import WORLDS, Config, SimConfig
 from navrl.config_ranges import allowed, choices, keys
 from navrl.errors import ConfigError, shown
 
@@ -25,6 +25,7 @@ PRESETS = ("fast", "paper", *ROBOTS)
 LARGEST_FILE = 1 << 20
 LONGEST_KEY = 60
 
+_Tree = TypeVar("_Tree", Config, SimConfig)
 _TABLES = get_type_hints(Config)
 _KEYS = keys(Config)
 
@@ -76,7 +77,22 @@ def load_config(
     if file is not None:
         layers.append(_layer(os.fspath(file), _read(Path(file)), folder=Path(file).parent))
     layers += (_option(option) for option in options)
-    return _build(layers)
+    return _build(Config, layers)
+
+
+def load_sim(options: Sequence[Option]) -> SimConfig:
+    """Builds the part that the simulator reads from its defaults and options.
+
+    Args:
+        options: settings of its five tables.
+
+    Returns:
+        The complete, checked configuration of a simulator.
+
+    Raises:
+        ConfigError: one line on the first setting that cannot be used.
+    """
+    return _build(SimConfig, [_option(option) for option in options])
 
 
 def to_toml(config: Config) -> str:
@@ -176,7 +192,7 @@ def _value(text: str) -> Any:  # noqa: ANN401 - any TOML value
         return text
 
 
-def _build(layers: Sequence[_Layer]) -> Config:
+def _build(tree: type[_Tree], layers: Sequence[_Layer]) -> _Tree:
     values: dict[str, Any] = {}
     sources: dict[str, str] = {}
     for layer in layers:
@@ -184,7 +200,7 @@ def _build(layers: Sequence[_Layer]) -> Config:
         sources.update(dict.fromkeys(layer.values, layer.source))
     tables: dict[str, Any] = {}
     faults: list[str] = []
-    for field in fields(Config):
+    for field in fields(tree):
         given = {key.partition(".")[2]: value for key, value in values.items() if key.startswith(f"{field.name}.")}
         try:
             tables[field.name] = _TABLES[field.name](**given)
@@ -194,7 +210,7 @@ def _build(layers: Sequence[_Layer]) -> Config:
     if faults:
         raise ConfigError(faults[0] + (f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""))
     try:
-        return Config(**tables)
+        return tree(**tables)
     except ConfigError as error:
         # The last source that has a say in the clash is the one to look at.
         at_fault = dict.fromkeys(error.keys)
