@@ -221,7 +221,9 @@ def _build(tree: type[_Tree], layers: Sequence[_Layer]) -> _Tree:
 def _fault(key: str, value: object) -> str:
     words = WORLDS if key == "world.name" else choices(Config, key)
     hint = _meant(get_close_matches(value, words, n=1)) if isinstance(value, str) else ""
-    return f"{key} = {shown(value)}: must be {allowed(Config, key)}{hint}"
+    # A path is of little use without its end.
+    text = shown(value, longest=4096) if key == "world.name" else shown(value)
+    return f"{key} = {text}: must be {allowed(Config, key)}{hint}"
 
 
 def _unknown_table(name: str) -> str:

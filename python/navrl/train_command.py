@@ -1,0 +1,138 @@
+"""`navrl train`: checks everything that the user may have got wrong, then trains."""
+
+import json
+import sys
+import time
+from argparse import Namespace
+from dataclasses import asdict
+from pathlib import Path
+
+from navrl.cli import DONE, NOT_FINITE
+from navrl.command_options import given_settings, whole_number
+from navrl.config import Config
+from navrl.config_files import Option, load_config
+from navrl.errors import UserError
+
+FIXED_BY_RUN = ("preset", "robot", "config", "world", "seed", "seeds", "episodes", "until", "algorithm", "init", "out")
+"""Options that a resumed run has no use for."""
+
+
+def train(options: Namespace) -> int:
+    """Trains a policy for each seed, one after the other, or continues a run."""
+    if options.resume is not None:
+        return _resume(options)
+    if options.inexact:
+        raise UserError("train: --inexact goes with --resume only")
+    preset = options.preset or "fast"
+    configs = _configs(options, preset)
+    folders = _folders(options.out, preset, configs, several=options.seeds is not None)
+    if options.init is not None:
+        _check_policy(options.init)
+    _check_world(configs[0])
+    for config, folder in zip(configs, folders, strict=True):
+        where = f"{config.world.name}, preset {preset}, seed {config.training.seed}"
+        print(f"navrl: training on {where}; run folder {folder}", file=sys.stderr)
+        from navrl import train as training
+
+        try:
+            training.train(config, folder, preset=preset, init=options.init, test=not options.no_test)
+        except training.NonFiniteError as error:
+            print(f"navrl: {error}", file=sys.stderr)
+            return NOT_FINITE
+        _report(folder)
+    return DONE
+
+
+def _resume(options: Namespace) -> int:
+    extra = [name for name in FIXED_BY_RUN if getattr(options, name) is not None]
+    extra += [key for key, _ in options.settings] + ["no-test"] * options.no_test
+    if extra:
+        raise UserError(f"train: --{extra[0]}: a resumed run keeps its settings; --steps N extends it")
+    steps = None if options.steps is None else whole_number("--steps", options.steps, 1, 10**12)
+    folder = Path(options.resume)
+    if not folder.is_dir():
+        raise UserError(f"--resume {folder}: no such run folder")
+    print(f"navrl: resuming the run in {folder}", file=sys.stderr)
+    from navrl import train as training
+
+    try:
+        training.resume(folder, steps=steps, inexact=options.inexact)
+    except training.NonFiniteError as error:
+        print(f"navrl: {error}", file=sys.stderr)
+        return NOT_FINITE
+    _report(folder)
+    return DONE
+
+
+def _configs(options: Namespace, preset: str) -> list[Config]:
+    """One configuration for each seed, all checked."""
+    settings = given_settings(options, "world", "algorithm", "steps", "episodes", "until")
+    flag = "--seeds" if options.seeds is not None else "--seed"
+    seeds = options.seeds.split(",") if options.seeds is not None else [options.seed]
+    configs = []
+    for text in seeds:
+        seed = [] if text is None else [Option(flag, "training.seed", text.strip())]
+        configs.append(load_config(options.config, preset=preset, robot=options.robot, options=[*settings, *seed]))
+    distinct = {config.training.seed for config in configs}
+    if len(distinct) < len(configs):
+        raise UserError(f"--seeds {options.seeds}: a seed stands there twice")
+    return configs
+
+
+def _folders(out: str | None, preset: str, configs: list[Config], *, several: bool) -> list[Path]:
+    """The folder of each run; none of them exists or holds anything."""
+    first = configs[0]
+    if out is None:
+        world = Path(first.world.name).stem
+        seed = "seeds" if several else f"seed{first.training.seed}"
+        folder = _unused(Path("runs") / f"{world}-{preset}-{seed}-{time.strftime('%Y%m%d-%H%M%S')}")
+    else:
+        folder = Path(out)
+        try:
+            if folder.exists() and any(folder.iterdir()):
+                run = (
+                    f"; to continue the run there: navrl train --resume {out}"
+                    if (folder / "checkpoints").is_dir()
+                    else ""
+                )
+                raise UserError(f"--out {out}: is not empty{run}")
+        except OSError as error:
+            raise UserError(f"--out {out}: {(error.strerror or 'cannot be used').lower()}") from error
+    return [folder / f"seed-{config.training.seed}" for config in configs] if several else [folder]
+
+
+def _unused(folder: Path) -> Path:
+    """The folder, or the first of its name with -2, -3 ... that does not exist."""
+    names = (folder if number == 1 else folder.with_name(f"{folder.name}-{number}") for number in range(1, 1000))
+    return next(name for name in names if not name.exists())
+
+
+def _check_policy(path: str) -> None:
+    from navrl.policy import load_policy
+
+    load_policy(path)
+
+
+def _check_world(config: Config) -> None:
+    """Refuses a world that cannot be read or is too narrow for the robot, before the learner is loaded."""
+    from navrl import _navsim
+
+    try:
+        _navsim.check_world(json.dumps(asdict(config.sim)))
+    except ValueError as error:
+        raise UserError(str(error)) from error
+
+
+def _report(folder: Path) -> None:
+    """Prints what a run reached, from its summary."""
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    effort = f"{summary['env_steps']:,} steps, {summary['updates']:,} updates, {summary['train_s']:.1f} s"
+    if summary.get("success_rate") is None:
+        print(f"{folder}: not tested; {effort}")
+        return
+    low, high = summary["success_ci95"]
+    print(
+        f"{folder}: success {summary['success_rate']:.1%} (95 % interval {low:.1%} to {high:.1%}), collisions "
+        f"{summary['collision_rate']:.1%}, time-outs {summary['timeout_rate']:.1%} on {summary['episodes']} scenarios "
+        f"({summary['list']}); {effort}"
+    )
