@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from navrl.config import Config, LearnerConfig, LidarConfig, NetworksConfig, SimConfig, TrainingConfig
