@@ -144,6 +144,11 @@ class Room:
         self._draw_caption(picture, moment)
         return picture
 
+    def pixel(self, x: float, y: float) -> tuple[int, int]:
+        """Column and row of a point (m) in the pictures."""
+        [(across, down)] = self._px([(x, y)])
+        return int(across / self._supersample), int(down / self._supersample)
+
     def _px(self, points: Iterable[Sequence[float]]) -> list[tuple[float, float]]:
         x0, y1 = self._origin
         return [((x - x0) * self._scale, (y1 - y) * self._scale) for x, y in points]
