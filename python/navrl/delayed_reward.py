@@ -2,6 +2,8 @@
 
     delayed_reward(steps_before_goal, goal_reward, delayed_steps) -> float
     delayed_returns(gamma, n_step, goal_reward, delayed_steps) -> (n_step + delayed_steps,) float64
+
+The first is the equation, the second what it adds to n-step returns.
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@
         .end_episodes(ended (N,) bool)                        after the simulator's step
         .sigma(step) -> (N,) float32;  .random(step) -> bool  whether the policy is not asked yet
         .state() -> dict[str, ndarray];  .restore(state)
+
+Actions are pairs in [-1, 1] (equation 1), noise has the same unit.
 """
 
 from __future__ import annotations

@@ -3,13 +3,14 @@
     Actor(inputs, config, generator)(encoded (B, inputs)) -> (B, 2) in [-1, 1];  .pre_tanh(encoded) -> (B, 2)
         parameters: hidden.<i>.weight (out, in), hidden.<i>.bias, output.weight (2, in), output.bias
     TwinCritic(inputs, config, generator, num_critics=2)(encoded (B, inputs), actions (B, 2)) -> (num_critics, B)
-        .first(encoded, actions) -> (B,): the first critic's values, its weights taken as constants
     mirror_encoded(bins, encoding) -> Mirror(permutation, signs);  mirror_actions() -> Mirror
-    encode_observations, encoded_size: see navrl.encoding
+
+What they see is encoded by `navrl.encoding`, whose two functions can be imported from here too.
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import sqrt
 from typing import NamedTuple
 
@@ -82,7 +83,7 @@ class Actor(nn.Module):
         """
         super().__init__()
         sizes = (inputs, *config.hidden_sizes)
-        self.hidden = nn.ModuleList(_linear(i, o, config, generator) for i, o in zip(sizes, sizes[1:], strict=False))
+        self.hidden = nn.ModuleList(_linear(i, o, config, generator) for i, o in pairwise(sizes))
         self.output = _linear(sizes[-1], ACTIONS, config, generator)
         if config.initialization == "zero_bias":
             with torch.no_grad():
@@ -120,8 +121,8 @@ class TwinCritic(nn.Module):
     """Q(s, a) of one or two critics, computed together: every parameter has the critic as its first dimension.
 
     The first hidden layer sees the observation alone, the second is the combined layer of equation 7, further ones are
-    plain. `weights[i]` (num_critics, in, out) and `biases[i]` (num_critics, 1, out) are layer i, the last one the
-    output; `weights[1]` is W_s and `action_weight` (num_critics, 2, out) is W_a.
+    plain. `weights[i]` (num_critics, out, in) and `biases[i]` (num_critics, 1, out) are layer i, the last one the
+    output; `weights[1]` is W_s transposed and `action_weight` (num_critics, 2, out) is W_a.
     """
 
     def __init__(
@@ -142,18 +143,18 @@ class TwinCritic(nn.Module):
         if len(config.hidden_sizes) < 2:
             raise ValueError(f"a critic needs two hidden layers or more, got {config.hidden_sizes}")
         sizes = (inputs, *config.hidden_sizes, 1)
-        shapes = list(zip(sizes, sizes[1:], strict=False))
+        shapes = list(pairwise(sizes))
         torch_default = config.initialization == "torch"
         # The framework would make the combined layer of two linear layers, one for the state and one for the action,
         # and the published network takes the second one's bias. "zero_bias" treats it as one layer.
         action_fan_in = ACTIONS if torch_default else config.hidden_sizes[0]
         bias_fan_ins = [action_fan_in if i == 1 else fan_in for i, (fan_in, _) in enumerate(shapes)]
-        self.weights = nn.ParameterList(torch.empty(num_critics, i, o) for i, o in shapes)
-        self.biases = nn.ParameterList(torch.zeros(num_critics, 1, o) for _, o in shapes)
+        self.weights = nn.ParameterList(torch.empty(num_critics, o, i) for i, o in shapes)
         self.action_weight = nn.Parameter(torch.empty(num_critics, ACTIONS, config.hidden_sizes[1]))
+        self.biases = nn.ParameterList(torch.zeros(num_critics, 1, o) for _, o in shapes)
         for critic in range(num_critics):
             for weight, bias, fan_in in zip(self.weights, self.biases, bias_fan_ins, strict=True):
-                _draw(weight[critic], weight.shape[1], generator)
+                _draw(weight[critic], weight.shape[2], generator)
                 if torch_default:
                     _draw(bias[critic], fan_in, generator)
             _draw(self.action_weight[critic], action_fan_in, generator)
@@ -171,41 +172,20 @@ class TwinCritic(nn.Module):
         Returns:
             (num_critics, B).
         """
-        return _values(encoded, actions, list(self.weights), self.action_weight, list(self.biases))
-
-    def first(self, encoded: Tensor, actions: Tensor) -> Tensor:
-        """The values of the first critic, for the actor's step: gradients flow to the actions only.
-
-        Args:
-            encoded: (B, inputs) encoded observations.
-            actions: (B, 2) in [-1, 1].
-
-        Returns:
-            (B,).
-        """
-        weights = [weight.detach()[:1] for weight in self.weights]
-        biases = [bias.detach()[:1] for bias in self.biases]
-        return _values(encoded, actions, weights, self.action_weight.detach()[:1], biases)[0]
-
-
-def _values(
-    encoded: Tensor, actions: Tensor, weights: list[Tensor], action_weight: Tensor, biases: list[Tensor]
-) -> Tensor:
-    """Q(s, a) of the critics whose parameters are given: (num_critics, B)."""
-    batch = (len(action_weight), -1, -1)
-    # l_s = relu(s W_1 + b_1)
-    hidden = torch.relu(torch.baddbmm(biases[0], encoded.expand(batch), weights[0]))
-    # Eq. 7: l_c = relu(l_s W_s + a W_a + b)
-    action_part = torch.baddbmm(biases[1], actions.expand(batch), action_weight)
-    hidden = torch.relu(torch.baddbmm(action_part, hidden, weights[1]))
-    for weight, bias in zip(weights[2:-1], biases[2:-1], strict=True):
-        hidden = torch.relu(torch.baddbmm(bias, hidden, weight))
-    return torch.baddbmm(biases[-1], hidden, weights[-1]).squeeze(2)
+        batch = (len(self.action_weight), -1, -1)
+        # l_s = relu(s W_1 + b_1)
+        hidden = torch.relu(torch.baddbmm(self.biases[0], encoded.expand(batch), self.weights[0].transpose(1, 2)))
+        # Eq. 7: l_c = relu(l_s W_s + a W_a + b)
+        action_part = torch.baddbmm(self.biases[1], actions.expand(batch), self.action_weight)
+        hidden = torch.relu(torch.baddbmm(action_part, hidden, self.weights[1].transpose(1, 2)))
+        for i in range(2, len(self.weights) - 1):
+            hidden = torch.relu(torch.baddbmm(self.biases[i], hidden, self.weights[i].transpose(1, 2)))
+        return torch.baddbmm(self.biases[-1], hidden, self.weights[-1].transpose(1, 2)).squeeze(2)
 
 
 def _linear(inputs: int, outputs: int, config: NetworksConfig, generator: np.random.Generator) -> nn.Linear:
     """A linear layer with first weights from `generator`, leaving the framework's own generator alone."""
-    layer = nn.utils.skip_init(nn.Linear, inputs, outputs)
+    layer = nn.Linear(inputs, outputs, device="meta").to_empty(device="cpu")
     _draw(layer.weight, inputs, generator)
     if config.initialization == "torch":
         _draw(layer.bias, inputs, generator)

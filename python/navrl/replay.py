@@ -10,6 +10,8 @@
         .oldest, .read(first, last), .write(first, rows): rows by their number since the start, for checkpoints
     both: .state() -> dict[str, ndarray]; .restore(state)
     NonFiniteError: NaN or infinity in training (exit code 3)
+
+A row is complete when it enters the ring, so that a batch is one gather.
 """
 
 from __future__ import annotations

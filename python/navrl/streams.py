@@ -2,6 +2,8 @@
 
     stream(seed, purpose) -> Generator
     stream_state(generator) -> (13,) uint64; restore_stream(generator, state)
+
+Their bits are numpy's Philox4x64; the simulator's streams are its own.
 """
 
 from __future__ import annotations

@@ -11,7 +11,8 @@
     target_bounds(config) -> (low, high)
 
 Determinism: the bits depend on the calls, the processor model, the builds and the thread count, not on how updates are
-grouped into calls. `update` leaves denormals flushed to zero in the calling thread and in threads started from it.
+grouped into calls. Making a TD3 leaves denormals flushed to zero in the calling thread and in threads started from it:
+the moments of dead units decay into numbers that are an order of magnitude slower otherwise.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from math import nan
 
 import numpy as np
 import torch
@@ -27,6 +28,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from navrl.config import Config, NetworksConfig
+from navrl.gradients import ActorPass, CriticPass, pack, unpack
 from navrl.networks import ACTIONS, Actor, TwinCritic, encoded_size, mirror_actions, mirror_encoded
 from navrl.replay import Arrays, NonFiniteError, Replay, row_width
 from navrl.streams import restore_stream, stream, stream_state
@@ -52,23 +54,6 @@ class UpdateMetrics:
     """Minus the first critic's mean value of the actor's actions, plus the penalty; NaN without an actor step."""
     saturated_share: float
     """Share of the actor's outputs beyond 0.99 in size; NaN without an actor step."""
-
-
-class Batch(NamedTuple):
-    """What one update learns from."""
-
-    observations: Tensor
-    """(B, inputs) encoded."""
-    actions: Tensor
-    """(B, 2)."""
-    successors: Tensor
-    """(B, inputs) encoded."""
-    returns: Tensor
-    """(B,) R: the n-step return, scaled."""
-    bootstrap: Tensor
-    """(B,) gamma^m, or 0 after a terminal step."""
-    noise: Tensor
-    """(B, 2) clipped noise on the target's actions."""
 
 
 class TD3:
@@ -107,16 +92,27 @@ class TD3:
         self.progress = 0.0
 
     def _build(self, networks: NetworksConfig, *, num_critics: int, generator: np.random.Generator) -> None:
-        """Makes networks, targets and optimisers."""
+        """Makes networks, targets, optimisers and the memory of a batch."""
         self.actor = Actor(self.inputs, networks, generator).to(self.dtype)
         self.critic = TwinCritic(self.inputs, networks, generator, num_critics=num_critics).to(self.dtype)
-        self.actor_target = copy.deepcopy(self.actor).requires_grad_(False)
-        self.critic_target = copy.deepcopy(self.critic).requires_grad_(False)
-        self.averaged_actor = copy.deepcopy(self.actor).requires_grad_(False)
-        self.critic_optimizer = _adam(self.critic, self.config.critic_lr)
-        self.actor_optimizer = _adam(self.actor, self.config.actor_lr)
-        self._online = [*self.critic.parameters(), *self.actor.parameters()]
-        self._targets = [*self.critic_target.parameters(), *self.actor_target.parameters()]
+        self.actor_target, self.averaged_actor = copy.deepcopy(self.actor), copy.deepcopy(self.actor)
+        self.critic_target = copy.deepcopy(self.critic)
+        self._actor, self._critic = pack(self.actor), pack(self.critic)
+        self._averaged = pack(self.averaged_actor).detach()
+        self._online = [self._actor.detach(), self._critic.detach()]
+        self._targets = [pack(self.actor_target).detach(), pack(self.critic_target).detach()]
+        self.actor_optimizer = _adam(self._actor, self.config.actor_lr)
+        self.critic_optimizer = _adam(self._critic, self.config.critic_lr)
+        size = self.config.batch_size
+        self._actor_pass, self._actor_target_pass = ActorPass(self.actor, size), ActorPass(self.actor_target, size)
+        self._critic_pass = CriticPass(self.critic, size)
+        self._first_critic_pass = CriticPass(self.critic, size, critics=1)
+        self._critic_target_pass = CriticPass(self.critic_target, size)
+        # Every batch is copied to the same place, so that its bits never depend on where it was gathered.
+        self._rows = torch.empty(size, self.replay.width, dtype=self.dtype)
+        columns = torch.split(self._rows, [self.inputs, ACTIONS, self.inputs, 1, 1], dim=1)
+        self._observations, self._actions, self._successors = columns[:3]
+        self._returns, self._bootstrap = columns[3][:, 0], columns[4][:, 0]
 
     @property
     def policy(self) -> Actor:
@@ -137,7 +133,8 @@ class TD3:
             (N, 2) float32 in [-1, 1].
         """
         with torch.no_grad():
-            return self.actor(torch.tensor(encoded, dtype=self.dtype)).float().numpy()
+            actions: Tensor = self.actor(torch.tensor(encoded, dtype=self.dtype))
+        return actions.float().numpy()
 
     def update(self, count: int) -> UpdateMetrics:
         """Makes `count` updates.
@@ -155,64 +152,59 @@ class TD3:
         """
         if self.replay.size == 0:
             raise ValueError("no rows in replay to learn from")
-        critic_losses, values, actor_losses, pre_tanh = [], [], [], []
-        for batch in self._batches(count):
-            self.updates += 1
-            loss, value = self._update_critics(batch)
-            critic_losses.append(loss)
+        errors, values, actor_losses, outputs = [], [], [], []
+        for rows, noise in self._batches(count):
+            self._rows.copy_(rows)
+            value, error = self._update_critics(self._target(noise))
             values.append(value)
+            errors.append(error)
+            self.updates += 1
             if self.updates % self.policy_delay == 0:
-                self.actor_updates += 1
-                loss, outputs = self._update_actor(batch.observations)
+                loss, output = self._update_actor()
                 actor_losses.append(loss)
-                pre_tanh.append(outputs)
+                outputs.append(output)
+                self.actor_updates += 1
                 # Eq. 10: theta' <- tau theta + (1 - tau) theta'
                 torch._foreach_lerp_(self._targets, self._online, self.config.tau)
-        self._refuse_non_finite(critic_losses)
-        values_tensor = torch.stack(values)
-        return UpdateMetrics(
-            critic_loss=_mean(critic_losses),
-            average_q=float(values_tensor.mean()),
-            maximum_q=float(values_tensor.max()),
-            actor_loss=_mean(actor_losses),
-            saturated_share=_mean([(outputs.abs() > SATURATED).to(self.dtype) for outputs in pre_tanh]),
-        )
+        self._refuse_non_finite(errors)
+        return _metrics(values, errors, actor_losses, outputs)
 
-    def _update_critics(self, batch: Batch) -> tuple[Tensor, Tensor]:
-        """One step of the critics; returns the loss () and the values (num_critics, B) before it."""
-        with torch.no_grad():
-            # Eq. 9: y = R + gamma^m (1 - terminated) min(Q1', Q2')(s', clip(mu'(s') + clip(N(0, sigma), +-c), +-1))
-            actions = (self.actor_target(batch.successors) + batch.noise).clamp_(-1.0, 1.0)
-            value = self.critic_target(batch.successors, actions).amin(0)
-            target = torch.addcmul(batch.returns, batch.bootstrap, value)
-            if self.bounds is not None:
-                target.clamp_(*self.bounds)
-        values: Tensor = self.critic(batch.observations, batch.actions)
-        # Sum over the critics of the mean over the batch of (Q - y)^2
-        loss = (values - target).square().sum() / len(target)
-        self.critic_optimizer.zero_grad()
-        loss.backward()
+    def _target(self, noise: Tensor) -> Tensor:
+        """The targets (B,) of the batch; `noise` (B, 2) is clip(N(0, sigma), +-c)."""
+        # Eq. 9: y = R + gamma^m (1 - terminated) min(Q1', Q2')(s', clip(mu'(s') + clip(N(0, sigma), +-c), +-1))
+        actions = torch.tanh(self._actor_target_pass.forward(self._successors)).add_(noise).clamp_(-1.0, 1.0)
+        value = self._critic_target_pass.forward(self._successors, actions).amin(0)
+        target = torch.addcmul(self._returns, self._bootstrap, value)
+        return target if self.bounds is None else target.clamp_(*self.bounds)
+
+    def _update_critics(self, target: Tensor) -> tuple[Tensor, Tensor]:
+        """One step of the critics; returns their values (num_critics, B) before it, and the errors."""
+        values = self._critic_pass.forward(self._observations, self._actions).clone()
+        error = values - target
+        # L = sum over the critics of the mean over the batch of (Q - y)^2, so dL/dQ = 2 (Q - y) / B
+        self._critic_pass.backward(error * (2.0 / len(target)))
         self.critic_optimizer.step()
-        return loss.detach(), values.detach()
+        return values, error
 
-    def _update_actor(self, observations: Tensor) -> tuple[Tensor, Tensor]:
-        """One step of the actor; returns the loss () and the inputs of its tanh (B, 2) before it."""
-        outputs = self.actor.pre_tanh(observations)
-        # Mean of -Q1(s, mu(s)), and the penalty that keeps tanh from saturating
-        loss = -self.critic.first(observations, torch.tanh(outputs)).mean()
-        if self.config.pretanh_penalty > 0:
-            loss = loss + self.config.pretanh_penalty * outputs.square().mean()
-        self.actor_optimizer.zero_grad()
-        loss.backward()
+    def _update_actor(self) -> tuple[Tensor, Tensor]:
+        """One step of the actor; returns its loss () and the inputs of its tanh (B, 2) before it."""
+        penalty, size = self.config.pretanh_penalty, self.config.batch_size
+        outputs = self._actor_pass.forward(self._observations).clone()
+        actions = torch.tanh(outputs)
+        values = self._first_critic_pass.forward(self._observations, actions)
+        # L = mean of -Q1(s, mu(s)) + penalty * mean of z^2 with mu = tanh(z), where the penalty keeps tanh from
+        # saturating; so dL/dz = -dQ1/da (1 - mu^2) / B + penalty * z / B, with two outputs z a row
+        loss = penalty * outputs.square().mean() - values.mean()
+        gradient = self._first_critic_pass.action_gradient(torch.full_like(values, -1.0 / size))
+        gradient.mul_(1.0 - actions.square()).add_(outputs, alpha=penalty / size)
+        self._actor_pass.backward(gradient)
         self.actor_optimizer.step()
-        return loss.detach(), outputs.detach()
+        return loss, outputs
 
     def average_actor(self) -> None:
         """Moves the averaged actor by `averaging_rate` of its way to the actor."""
         if self.config.averaging_rate > 0:
-            averaged, actor = list(self.averaged_actor.parameters()), list(self.actor.parameters())
-            with torch.no_grad():
-                torch._foreach_lerp_(averaged, actor, self.config.averaging_rate)
+            self._averaged.lerp_(self._actor.detach(), self.config.averaging_rate)
 
     def set_progress(self, fraction: float) -> None:
         """Sets the step sizes: linear from full to `final_lr_fraction` over the run.
@@ -225,52 +217,36 @@ class TD3:
         self.critic_optimizer.param_groups[0]["lr"] = self.config.critic_lr * share
         self.actor_optimizer.param_groups[0]["lr"] = self.config.actor_lr * share
 
-    def _batches(self, count: int) -> Iterator[Batch]:
-        """Draws and gathers the rows of `count` updates, `BLOCK` updates at a time."""
+    def _batches(self, count: int) -> Iterator[tuple[Tensor, Tensor]]:
+        """Draws `count` batches, `BLOCK` at a time: rows (B, width) and target noise (B, 2), float32."""
         for first in range(0, count, BLOCK):
-            yield from self._block(min(BLOCK, count - first))
-
-    def _block(self, count: int) -> Iterator[Batch]:
-        """Draws and gathers the rows of `count` updates at once."""
-        shape = (count, self.config.batch_size)
-        indices = self._streams["replay_indices"].integers(self.replay.size, size=shape)
-        rows = torch.empty(*shape, self.replay.width)
-        array = rows.view(-1, self.replay.width).numpy()
-        self.replay.sample(indices.ravel(), out=array)
-        if self._mirror is not None:
-            mirrored = self._streams["mirror"].random(indices.size, np.float32) < 0.5
-            permutation, signs = self._mirror
-            array[mirrored] = array[mirrored][:, permutation] * signs
-        parts = rows.to(self.dtype).split([self.inputs, ACTIONS, self.inputs, 1, 1], dim=2)
-        observations, actions, successors, returns, bootstrap = parts
-        noise = torch.from_numpy(self._target_noise((*shape, ACTIONS))).to(self.dtype)
-        for i in range(count):
-            # Copies, so that a batch lies in memory the same way wherever in the block it stands.
-            yield Batch(
-                observations[i].contiguous(),
-                actions[i].contiguous(),
-                successors[i].contiguous(),
-                returns[i, :, 0],
-                bootstrap[i, :, 0],
-                noise[i],
-            )
+            shape = (min(BLOCK, count - first), self.config.batch_size)
+            indices = self._streams["replay_indices"].integers(self.replay.size, size=shape)
+            rows = self.replay.sample(indices.ravel())
+            if self._mirror is not None:
+                mirrored = self._streams["mirror"].random(len(rows), np.float32) < 0.5
+                permutation, signs = self._mirror
+                rows[mirrored] = rows[mirrored][:, permutation] * signs
+            noise = self._target_noise((*shape, ACTIONS))
+            yield from zip(torch.from_numpy(rows.reshape(*shape, -1)), torch.from_numpy(noise), strict=True)
 
     def _target_noise(self, shape: tuple[int, ...]) -> NDArray[np.float32]:
         """Draws clip(N(0, policy_noise), +-noise_clip), or zeros where it is off."""
         if self.policy_noise == 0.0:
             return np.zeros(shape, np.float32)
-        noise = self._streams["target_noise"].standard_normal(shape, np.float32) * np.float32(self.policy_noise)
-        return np.clip(noise, -self.config.noise_clip, self.config.noise_clip)
+        noise: NDArray[np.float32] = self._streams["target_noise"].standard_normal(shape, np.float32)
+        noise *= self.policy_noise
+        return noise.clip(-self.config.noise_clip, self.config.noise_clip)
 
-    def _refuse_non_finite(self, losses: list[Tensor]) -> None:
-        """Raises NonFiniteError if a loss or a parameter is NaN or infinite."""
-        norms = torch.stack([*losses, *torch._foreach_norm(self._online)])
+    def _refuse_non_finite(self, errors: list[Tensor]) -> None:
+        """Raises NonFiniteError if an error of the critics or a parameter is NaN or infinite."""
+        norms = torch.stack(torch._foreach_norm([*errors, self._critic, self._actor]))
         if not norms.isfinite().all():
-            names = [f"critic loss of update {self.updates - len(losses) + 1 + i}" for i in range(len(losses))]
-            for kind, network in (("critic", self.critic), ("actor", self.actor)):
-                names += [f"{kind} {name}" for name, _ in network.named_parameters()]
+            first = self.updates - len(errors) + 1
+            names = [f"the critics' error in update {first + i}" for i in range(len(errors))]
             bad = int(torch.nonzero(~norms.isfinite())[0, 0])
-            raise NonFiniteError(f"{names[bad]} is not finite after {self.updates} updates")
+            name = [*names, "a parameter of the critics", "a parameter of the actor"][bad]
+            raise NonFiniteError(f"{name} is not finite")
 
     def state(self) -> Arrays:
         """Everything that the next update depends on but replay: copies by name, for a bitwise continuation."""
@@ -298,29 +274,26 @@ class TD3:
                 raise ValueError(f"saved {name} has shape {saved}, this run needs {tuple(tensor.shape)}")
         for name, generator in self._streams.items():
             restore_stream(generator, state[f"streams.{name}"].astype(np.uint64))
-        with torch.no_grad():
-            for name, tensor in tensors.items():
-                tensor.copy_(torch.from_numpy(np.asarray(state[name])))
+        for name, tensor in tensors.items():
+            tensor.copy_(torch.from_numpy(np.asarray(state[name])))
         self.updates, self.actor_updates = int(state["updates"]), int(state["actor_updates"])
         self.set_progress(float(state["progress"]))
 
     def _tensors(self) -> dict[str, Tensor]:
-        """Parameters and Adam's moments and step counts by name; writing to them changes the learner."""
-        networks = {
-            "actor": self.actor,
-            "critic": self.critic,
-            "actor_target": self.actor_target,
-            "critic_target": self.critic_target,
-            "averaged_actor": self.averaged_actor,
-        }
-        tensors = {f"{n}.{name}": p.detach() for n, network in networks.items() for name, p in network.named_parameters()}
-        for n, network, optimizer in (
-            ("actor_adam", self.actor, self.actor_optimizer),
-            ("critic_adam", self.critic, self.critic_optimizer),
+        """Parameters, Adam's moments and step counts by name; writing to them changes the learner."""
+        tensors: dict[str, Tensor] = {}
+        for kind in ("actor", "critic", "actor_target", "critic_target", "averaged_actor"):
+            network: nn.Module = getattr(self, kind)
+            tensors |= {f"{kind}.{name}": parameter.detach() for name, parameter in network.named_parameters()}
+        for kind, network, vector, optimizer in (
+            ("actor", self.actor, self._actor, self.actor_optimizer),
+            ("critic", self.critic, self._critic, self.critic_optimizer),
         ):
-            for name, parameter in network.named_parameters():
-                for key, tensor in optimizer.state.get(parameter, {}).items():
-                    tensors[f"{n}.{name}.{key}"] = tensor
+            state = optimizer.state[vector]
+            tensors[f"{kind}_adam.step"] = state["step"]
+            for moment in ("exp_avg", "exp_avg_sq"):
+                parts = unpack(state[moment], network)
+                tensors |= {f"{kind}_adam.{moment}.{name}": part for name, part in parts.items()}
         return tensors
 
 
@@ -347,7 +320,7 @@ def target_bounds(config: Config) -> tuple[float, float]:
     steps = round(config.task.time_limit / config.task.period)
     delayed = reward.goal * sum(1.0 / i for i in range(1, learner.delayed_steps + 1))
     goal = reward.goal + delayed + progress
-    collision = reward.collision - 0.5 - progress
+    collision = reward.collision - progress
 
     def discounted(step: float, end: float, count: int) -> float:
         # sum over k < count of gamma^k step, then gamma^count end
@@ -369,19 +342,26 @@ def _row_mirror(config: Config) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
     return np.concatenate([*permutation, rest]), np.concatenate([*signs, np.ones(2, np.float32)])
 
 
-def _adam(network: nn.Module, lr: float) -> torch.optim.Adam:
+def _adam(vector: nn.Parameter, lr: float) -> torch.optim.Adam:
     """Adam whose moments exist from the start, so that a saved state has the same names at any time."""
-    parameters = [parameter for parameter in network.parameters() if parameter.requires_grad]
-    optimizer = torch.optim.Adam(parameters, lr=lr, fused=True)
-    for parameter in parameters:
-        optimizer.state[parameter] = {
-            "step": torch.zeros((), dtype=torch.float32),
-            "exp_avg": torch.zeros_like(parameter),
-            "exp_avg_sq": torch.zeros_like(parameter),
-        }
+    optimizer = torch.optim.Adam([vector], lr=lr, fused=True)
+    optimizer.state[vector] = {
+        "step": torch.zeros((), dtype=torch.float32),
+        "exp_avg": torch.zeros_like(vector),
+        "exp_avg_sq": torch.zeros_like(vector),
+    }
     return optimizer
 
 
-def _mean(tensors: list[Tensor]) -> float:
-    """Mean over all elements; NaN of none."""
-    return float(torch.stack(tensors).mean()) if tensors else float("nan")
+def _metrics(
+    values: list[Tensor], errors: list[Tensor], actor_losses: list[Tensor], outputs: list[Tensor]
+) -> UpdateMetrics:
+    """Metrics of one call: per update the critics' values and errors (num_critics, B), per actor step the rest."""
+    all_values, no_actor_step = torch.stack(values), not actor_losses
+    return UpdateMetrics(
+        critic_loss=float(torch.stack(errors).square().mean(2).sum(1).mean()),
+        average_q=float(all_values.mean()),
+        maximum_q=float(all_values.max()),
+        actor_loss=nan if no_actor_step else float(torch.stack(actor_losses).mean()),
+        saturated_share=nan if no_actor_step else float((torch.stack(outputs).abs() > SATURATED).double().mean()),
+    )
