@@ -59,7 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"navrl: {' '.join(str(error).splitlines())}", file=sys.stderr)
         return USER_MISTAKE
     except KeyboardInterrupt as interruption:
-        print(f"navrl: {interruption or 'interrupted'}", file=sys.stderr)
+        if not str(interruption):  # training has said what it saved
+            print("navrl: interrupted", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
         # The reader of our output has gone, as `head` does: nothing is left to say, not even at exit.

@@ -75,12 +75,13 @@ def bench(options: Namespace) -> int:
     config = load_sim([*settings, *lidar])
     print(f"navrl: stepping {num_envs} robots in {config.world.name} for some seconds", file=sys.stderr)
 
+    from navrl._navsim import isa
     from navrl.bench import measure, write_json
 
     speed = measure(config, num_envs=num_envs, num_threads=num_threads)
     print(
         f"{config.world.name}: {speed.median:,.0f} steps/s (min {speed.minimum:,.0f}, max {speed.maximum:,.0f}); "
-        f"{num_envs} robots, {beams} beams, noise {config.lidar.noise} m, threads {num_threads}"
+        f"{num_envs} robots, {beams} beams, noise {config.lidar.noise} m, threads {num_threads}, {isa()}"
     )
     if target is not None:
         write_json(target, config, speed, num_envs=num_envs, num_threads=num_threads)

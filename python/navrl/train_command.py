@@ -1,6 +1,7 @@
 """`navrl train`: checks everything that the user may have got wrong, then trains."""
 
 import json
+import os
 import sys
 import time
 from argparse import Namespace
@@ -39,7 +40,6 @@ def train(options: Namespace) -> int:
         except training.NonFiniteError as error:
             print(f"navrl: {error}", file=sys.stderr)
             return NOT_FINITE
-        _report(folder)
     return DONE
 
 
@@ -60,7 +60,6 @@ def _resume(options: Namespace) -> int:
     except training.NonFiniteError as error:
         print(f"navrl: {error}", file=sys.stderr)
         return NOT_FINITE
-    _report(folder)
     return DONE
 
 
@@ -88,16 +87,15 @@ def _folders(out: str | None, preset: str, configs: list[Config], *, several: bo
         folder = _unused(Path("runs") / f"{world}-{preset}-{seed}-{time.strftime('%Y%m%d-%H%M%S')}")
     else:
         folder = Path(out)
-        try:
-            if folder.exists() and any(folder.iterdir()):
-                run = (
-                    f"; to continue the run there: navrl train --resume {out}"
-                    if (folder / "checkpoints").is_dir()
-                    else ""
-                )
-                raise UserError(f"--out {out}: is not empty{run}")
-        except OSError as error:
-            raise UserError(f"--out {out}: {(error.strerror or 'cannot be used').lower()}") from error
+        if folder.is_dir() and any(folder.iterdir()):
+            run = (
+                f"; to continue the run there: navrl train --resume {out}" if (folder / "checkpoints").is_dir() else ""
+            )
+            raise UserError(f"--out {out}: is not empty{run}")
+    above = next(path for path in (folder, *folder.parents) if path.exists())
+    if not (above.is_dir() and os.access(above, os.W_OK | os.X_OK)):
+        reason = "cannot be written to" if above.is_dir() else "is not a folder"
+        raise UserError(f"--out {folder}: {above} {reason}")
     return [folder / f"seed-{config.training.seed}" for config in configs] if several else [folder]
 
 
@@ -121,18 +119,3 @@ def _check_world(config: Config) -> None:
         _navsim.check_world(json.dumps(asdict(config.sim)))
     except ValueError as error:
         raise UserError(str(error)) from error
-
-
-def _report(folder: Path) -> None:
-    """Prints what a run reached, from its summary."""
-    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    effort = f"{summary['env_steps']:,} steps, {summary['updates']:,} updates, {summary['train_s']:.1f} s"
-    if summary.get("success_rate") is None:
-        print(f"{folder}: not tested; {effort}")
-        return
-    low, high = summary["success_ci95"]
-    print(
-        f"{folder}: success {summary['success_rate']:.1%} (95 % interval {low:.1%} to {high:.1%}), collisions "
-        f"{summary['collision_rate']:.1%}, time-outs {summary['timeout_rate']:.1%} on {summary['episodes']} scenarios "
-        f"({summary['list']}); {effort}"
-    )
