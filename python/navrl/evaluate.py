@@ -9,7 +9,6 @@ names its lidar noise: a result depends neither on threads nor on how many scena
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,6 +33,8 @@ if TYPE_CHECKING:
 
 SCHEMA = 1
 """Version of the JSON file."""
+CLEARANCE_MAX = 1000.0
+"""What the simulator calls the clearance (m) of a robot that has no obstacle around it."""
 EVALUATION_SEED = 0
 """Seed of the lidar's noise; the streams of given scenarios are apart from those of training."""
 
@@ -178,7 +179,7 @@ def _episodes(simulator: BatchSim, scenarios: ScenarioList, period: float) -> li
             path_m=path,
             shortest_m=shortest,
             total_return=total_return,
-            min_clearance_m=clearance if math.isfinite(clearance) else None,
+            min_clearance_m=clearance if clearance < CLEARANCE_MAX else None,
         )
         for index, (outcome, steps, path, total_return, clearance, shortest) in enumerate(records)
     ]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -21,7 +20,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from navrl.batch import BatchSim, Scenario
 from navrl.config import SimConfig
-from navrl.durable import write_file
+from navrl.durable import PENDING, write_file
 from navrl.errors import UserError
 from navrl.evaluate import EVALUATION_SEED, Actor
 from navrl.metrics import OUTCOMES, RUNNING
@@ -33,11 +32,13 @@ if TYPE_CHECKING:
     from navrl.scenarios import ScenarioList
 
 FORMATS = (".png", ".gif", ".mp4")
-PICTURE_PX, FILM_PX = 1000, 600
+PICTURE_PX, FILM_PX = 1000, 560
 """Longer side of the room in a picture and in a film."""
-SPEED_UP = 2.0
-"""A film runs at most this much faster than the robot, unless it would have too many frames."""
-FRAMES_MAX = 240
+GIF_RATE, MP4_RATE = 12.5, 25.0
+"""Most frames a second."""
+SPEED_UP = 2.5
+"""How much faster than the robot a film runs, unless it would have too many frames."""
+FRAMES_MAX = 300
 LAST_FRAME_S = 1.5
 """How long a film shows the end."""
 GHOST_S = 2.0
@@ -99,7 +100,9 @@ def check_output(file: Path) -> None:
         try:
             import_module("imageio_ffmpeg")
         except ImportError:
-            raise UserError(f"{file}: needs the extra package of pip install 'navrl[video]'; .gif works without") from None
+            raise UserError(
+                f"{file}: needs the extra package of pip install 'navrl[video]'; .gif works without"
+            ) from None
 
 
 def drive(policy: Actor, scenarios: ScenarioList, index: int, sim: SimConfig) -> Trajectory:
@@ -180,61 +183,59 @@ def picture(trajectory: Trajectory, room: Room) -> Image.Image:
         RGB image.
     """
     every = max(1, round(GHOST_S / trajectory.sim.task.period))
-    ghosts = trajectory.poses[: trajectory.steps : every]
-    return room.draw(trajectory.moment(trajectory.steps), ghosts=ghosts)
+    ghosts = trajectory.poses[every : trajectory.steps : every]
+    # The rays of the step at which the robot came nearest to an obstacle that it saw.
+    nearest = int(trajectory.ranges.min(axis=1).argmin())
+    return room.draw(trajectory.moment(trajectory.steps), ghosts=ghosts, scan=trajectory.moment(nearest))
 
 
-def frame_steps(steps: int, period: float) -> tuple[list[int], float]:
+def frame_steps(steps: int, period: float, rate: float) -> tuple[list[int], float]:
     """Which steps a film shows.
 
     Args:
         steps: Steps of the episode.
         period: Control period, seconds.
+        rate: Most frames a second.
 
     Returns:
         Steps, the last one among them, and the time between them (s of the film).
     """
-    # At most 25 frames a second, and at most FRAMES_MAX in all.
-    every = max(1, math.ceil(SPEED_UP / (25 * period)), math.ceil(steps / FRAMES_MAX))
-    shown = [*range(0, steps, every), steps]
-    return shown, max(0.04, min(every, math.ceil(SPEED_UP / (25 * period))) * period / SPEED_UP)
-
-
-def _frames(trajectory: Trajectory, room: Room) -> Iterator[Image.Image]:
-    shown, _ = frame_steps(trajectory.steps, trajectory.sim.task.period)
-    return (room.draw(trajectory.moment(step)) for step in shown)
+    every = max(1, math.ceil(SPEED_UP / (rate * period) - 1e-9))
+    interval = every * period / SPEED_UP
+    # A longer episode runs faster instead of growing without end.
+    every = max(every, math.ceil(steps / FRAMES_MAX))
+    return [*range(0, steps, every), steps], interval
 
 
 def _save_gif(trajectory: Trajectory, room: Room, content: io.BytesIO) -> None:
     from PIL import Image
 
-    shown, interval = frame_steps(trajectory.steps, trajectory.sim.task.period)
-    # One palette for all frames keeps colours still and the file small: taken from moments all along the episode.
-    samples = [room.draw(trajectory.moment(step)) for step in shown[:: max(1, len(shown) // 8)]]
-    strip = Image.new("RGB", (room.width, room.height * len(samples)))
-    for i, sample in enumerate(samples):
-        strip.paste(sample, (0, i * room.height))
+    shown, interval = frame_steps(trajectory.steps, trajectory.sim.task.period, GIF_RATE)
+    frames = [room.draw(trajectory.moment(step)) for step in shown]
+    # One palette for all frames keeps colours still and the file small: from moments all along the episode, and from
+    # every colour that a ray may take.
+    samples = [*frames[:: max(1, len(frames) // 8)], room.swatch()]
+    strip = Image.new("RGB", (room.width, sum(sample.height for sample in samples)))
+    top = 0
+    for sample in samples:
+        strip.paste(sample, (0, top))
+        top += sample.height
     palette = strip.quantize(128, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-    frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in _frames(trajectory, room)]
+    indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     milliseconds = [round(1000 * interval)] * (len(frames) - 1) + [round(1000 * LAST_FRAME_S)]
-    frames[0].save(content, "GIF", save_all=True, append_images=frames[1:], duration=milliseconds, loop=0)
+    indexed[0].save(content, "GIF", save_all=True, append_images=indexed[1:], duration=milliseconds, loop=0)
 
 
 def _write_mp4(trajectory: Trajectory, room: Room, file: Path) -> None:
     imageio_ffmpeg = import_module("imageio_ffmpeg")
-    _, interval = frame_steps(trajectory.steps, trajectory.sim.task.period)
-    pending = file.with_name(f".new-{file.name}")
-    writer = imageio_ffmpeg.write_frames(
-        str(pending), (room.width, room.height), fps=1 / interval, macro_block_size=2, quality=8
-    )
+    shown, interval = frame_steps(trajectory.steps, trajectory.sim.task.period, MP4_RATE)
+    pending = file.with_name(PENDING + file.name)
+    size = (room.width, room.height)
+    writer = imageio_ffmpeg.write_frames(str(pending), size, fps=1 / interval, macro_block_size=2, quality=8)
     try:
         writer.send(None)
-        frame = b""
-        for image in _frames(trajectory, room):
-            frame = image.tobytes()
-            writer.send(frame)
-        for _ in range(round(LAST_FRAME_S / interval)):
-            writer.send(frame)
+        for step in [*shown, *([trajectory.steps] * round(LAST_FRAME_S / interval))]:
+            writer.send(room.draw(trajectory.moment(step)).tobytes())
         writer.close()
         pending.replace(file)
     finally:

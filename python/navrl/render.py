@@ -42,6 +42,8 @@ OUTCOME_WORDS = {"running": "driving", "goal": "goal reached", "collision": "col
 DANGER_RANGES = (0.35, 1.0, 2.0, 4.0)
 """Ranges (m) between which the colour of a ray passes through DANGER_COLORS."""
 DANGER_COLORS: tuple[Color, ...] = ((220, 38, 50), (243, 132, 40), (234, 188, 45), (40, 166, 98))
+FAN_OPACITY = 62
+"""Opacity of the area that the lidar sees, of 255."""
 
 MARGIN_M = 0.4
 """Free border around what is shown, metres."""
@@ -120,29 +122,41 @@ class Room:
         self._canvas = Image.new("RGB", (across * supersample, down * supersample), FLOOR)
         self._draw_static(x0, y0, x1, y1)
 
-    def draw(self, moment: Moment, *, ghosts: NDArray[np.float64] | None = None) -> Image.Image:
+    def draw(
+        self, moment: Moment, *, ghosts: NDArray[np.float64] | None = None, scan: Moment | None = None
+    ) -> Image.Image:
         """The picture of a moment.
 
         Args:
             moment: The robot at one step.
             ghosts: (n, 3) earlier poses at which a faint robot is drawn.
+            scan: Another step whose robot and rays are shown, instead of the rays of `moment`.
 
         Returns:
             RGB image of `width` x `height` pixels.
         """
         canvas = self._canvas.copy()
         draw = ImageDraw.Draw(canvas, "RGBA")
-        if moment.ranges is not None:
-            self._draw_rays(draw, moment.pose, moment.ranges)
+        seen = moment if scan is None else scan
+        if seen.ranges is not None:
+            self._draw_rays(draw, seen.pose, seen.ranges)
+        self._draw_goal_and_start(draw)
         if len(moment.path) > 1:
             self._line(draw, moment.path, PATH, 0.045)
         for ghost in [] if ghosts is None else ghosts:
             self._draw_robot(draw, ghost, (*ROBOT, 40), (*ROBOT, 120))
-        self._draw_robot(draw, moment.pose, (*ROBOT, 255), (255, 255, 255, 255))
+        for shown in {id(seen): seen, id(moment): moment}.values():
+            self._draw_robot(draw, shown.pose, (*ROBOT, 255), (255, 255, 255, 255))
         picture = Image.new("RGB", (self.width, self.height), PAPER)
         picture.paste(canvas.reduce(self._supersample), (0, 0))
         self._draw_caption(picture, moment)
         return picture
+
+    def swatch(self) -> Image.Image:
+        """Every colour that a ray may take, full and faint, as a strip of the pictures' width."""
+        ramp = danger_colors(np.linspace(DANGER_RANGES[0], DANGER_RANGES[-1], self.width, dtype=np.float32))
+        faint = np.array(FLOOR) + (ramp - np.array(FLOOR)) * (FAN_OPACITY / 255)
+        return Image.fromarray(np.repeat(np.stack([ramp, faint.astype(np.uint8)]), 40, axis=0))
 
     def pixel(self, x: float, y: float) -> tuple[int, int]:
         """Column and row of a point (m) in the pictures."""
@@ -180,7 +194,6 @@ class Room:
             draw.line(self._px([(x, y0), (x, y1)]), fill=GRID, width=self._supersample)
         for y in np.arange(math.ceil(y0 / spacing) * spacing, y1, spacing):
             draw.line(self._px([(x0, y), (x1, y)]), fill=GRID, width=self._supersample)
-        self._draw_goal_and_start(draw)
         edge = max(1, round(0.02 * self._scale))
         for x, y, radius in self._scenario.circles:
             self._disc(draw, (x, y), radius, OBSTACLE, OBSTACLE_EDGE, 0.02)
@@ -212,7 +225,7 @@ class Room:
         for tip, angle, spread, color in zip(tips, angles, half, colors, strict=True):
             # A thin triangle per beam: together they fill the fan that the lidar sees.
             dx, dy = -math.sin(angle) * spread, -math.cos(angle) * spread
-            draw.polygon([start, (tip[0] - dx, tip[1] - dy), (tip[0] + dx, tip[1] + dy)], fill=(*color, 62))
+            draw.polygon([start, (tip[0] - dx, tip[1] - dy), (tip[0] + dx, tip[1] + dy)], fill=(*color, FAN_OPACITY))
         every = max(1, lidar.beams // 90)
         for tip, color in zip(tips[::every], colors[::every], strict=True):
             draw.line([start, tip], fill=(*color, 120), width=max(1, self._supersample // 2))
@@ -250,9 +263,9 @@ class Room:
         x, y = moment.pose[:2]
         left = math.hypot(self._scenario.goal[0] - x, self._scenario.goal[1] - y)
         time = moment.step * self.sim.task.period
-        facts = (
-            f"{time:.1f} s   step {moment.step}   {moment.v:.2f} m/s   {moment.omega:+.2f} rad/s   {left:.1f} m to goal"
-        )
+        # Adding 0 turns -0.0 into 0.
+        turn = round(moment.omega, 2) + 0.0
+        facts = f"{time:.1f} s   step {moment.step}   {moment.v:.2f} m/s   {turn:+.2f} rad/s   {left:.1f} m to goal"
         draw.text((14, top + 41), facts, font=small, fill=INK, anchor="lm")
         if draw.textlength(self._title, font=small) + draw.textlength(words, font=large) + 60 < self.width:
             draw.text((self.width - 14, top + 18), self._title, font=small, fill=FAINT_INK, anchor="rm")

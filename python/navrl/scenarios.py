@@ -21,15 +21,19 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from navrl import _navsim, length_cache
-from navrl.batch import Scenario, Split, config_json, draw_list
+from navrl.batch import Scenario, config_json, draw_list
 from navrl.config import SimConfig, WorldConfig
 from navrl.durable import write_file
 from navrl.errors import UserError
+
+if TYPE_CHECKING:
+    from navrl.batch import Split
 
 LIST_SIZES: dict[Split, int] = {"tuning": 500, "validation": 1000, "test": 1000, "final": 4000}
 """Scenarios of each built-in list, by its purpose."""
