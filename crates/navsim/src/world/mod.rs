@@ -1,10 +1,21 @@
 //! Worlds: shapes, their prepared form, and where scenarios come from.
 
+mod distance;
+mod file;
+mod free_space;
+mod generator;
+mod grid;
+mod json;
 mod obstacles;
 mod outline;
+mod rooms;
+mod scenario;
 pub mod shapes;
 
+pub use file::{RandomBoxes, WorldFile};
+pub use generator::{Generator, Layout};
 pub use obstacles::Obstacles;
 pub(crate) use obstacles::{isometry, vector};
 pub(crate) use outline::{Edge, Outline};
+pub use scenario::{Scenario, ScenarioList, read_list};
 pub use shapes::Shape;
