@@ -1,4 +1,5 @@
 //! The batch: contract of reset and step, and the same bits for any number of threads and robots.
+#![allow(clippy::unwrap_used)]
 
 use navsim::config::*;
 use navsim::rng::{Purpose, Split, Stream, StreamName};

@@ -1,4 +1,5 @@
 //! Ranges against double precision: a reference written here and parry2d-f64, in random worlds of every shape kind.
+#![allow(clippy::unwrap_used)]
 
 use navsim::config::{Caster, LidarConfig};
 use navsim::lidar::{Isa, Lidar, NoiseName, Surroundings, beam_angle};

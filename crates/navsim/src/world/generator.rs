@@ -21,7 +21,7 @@ const GAP: f64 = 1e-3;
 /// Draws of start, goal and obstacles together before the world counts as too full.
 const TRIES: u32 = 1000;
 /// Candidates for each point or obstacle within a draw.
-const CANDIDATES: u32 = 100;
+const CANDIDATES: u32 = 1000;
 /// Places (about) that are looked at to say how much clearance a world has.
 const PLACES_MEASURED: usize = 20_000;
 
