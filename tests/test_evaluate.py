@@ -214,5 +214,5 @@ def test_the_table_shows_rates_with_their_intervals() -> None:
     print_scores(evaluation.summary, "default", "td3", Console(file=shown, width=100))
     text = shown.getvalue()
     # Wilson for 1 of 2: 0.5 +- 0.405 (of the interval 0.0945 to 0.9055)
-    for words in ("default on td3: 2 scenarios", "50.00 %", "9.45 to 90.55 %", "5.50 s", "2.75 m"):
+    for words in ("default on td3, list given: 2 scenarios", "50.00 %", "9.45 to 90.55 %", "5.50 s", "2.75 m"):
         assert words in text, text

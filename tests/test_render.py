@@ -219,6 +219,29 @@ def test_an_open_world_shows_start_goal_and_path() -> None:
         assert 10 < row < room.height - CAPTION_PX - 10
 
 
+def test_of_a_wide_world_the_robots_surroundings_are_shown() -> None:
+    walls = [
+        (-50.0, -50.0, 50.0, -50.0),
+        (50.0, -50.0, 50.0, 50.0),
+        (50.0, 50.0, -50.0, 50.0),
+        (-50.0, 50.0, -50.0, -50.0),
+    ]
+    room = Room(scenario(segments=walls), SimConfig(), size=400, path=np.array([[-3.0, -3.0], [3.0, 2.5]]))
+    left, right = room.pixel(-3.0, 0.0)[0], room.pixel(3.2, 0.0)[0]
+    assert 0.4 < (right - left) / room.width < 0.6
+    # A wall that is near is still the edge of what is shown.
+    room = Room(scenario(segments=[(-4.0, -50.0, -4.0, 50.0)]), SimConfig(), size=400)
+    assert room.pixel(-4.0, 0.0)[0] < 0.06 * room.width
+
+
+def test_pictures_are_wide_enough_for_their_caption() -> None:
+    for x, y in ((0.0, 40.0), (40.0, 0.0)):
+        room = Room(scenario(), SimConfig(), size=560, path=np.array([[0.0, 0.0], [x, y]]))
+        sides = (room.width, room.height - CAPTION_PX)
+        assert max(sides) == 560
+        assert min(sides) >= 0.59 * 560
+
+
 def test_ghosts_are_faint_robots() -> None:
     room = Room(ROOM, SimConfig(), size=640)
     picture = np.asarray(room.draw(moment(), ghosts=np.array([[-1.0, -1.0, 0.0]]))).astype(np.int64)

@@ -205,7 +205,9 @@ def print_scores(scores: Scores, policy: str, world: str, console: Console) -> N
     def shown(value: float | None, unit: str) -> str:
         return "-" if value is None else f"{value:.2f} {unit}"
 
-    table = Table(title=f"{policy} on {world}: {scores.episodes:,} scenarios, list {scores.list}", title_justify="left")
+    which = "" if scores.list == world else f", list {scores.list}"
+    console.print(f"{policy} on {world}{which}: {scores.episodes:,} scenarios", soft_wrap=True, highlight=False)
+    table = Table()
     table.add_column("measure")
     table.add_column("value", justify="right")
     table.add_column("95 % interval", justify="right")

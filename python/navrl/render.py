@@ -47,8 +47,12 @@ FAN_OPACITY = 62
 
 MARGIN_M = 0.4
 """Free border around what is shown, metres."""
-OPEN_MARGIN_M = 1.5
-"""The same around start and goal, for worlds without walls."""
+OPEN_MARGIN_M = 3.0
+"""The same around start, goal and path, in worlds without walls and in wide ones."""
+NARROWEST = 0.6
+"""Least ratio of the sides of what is shown: captions need their width."""
+WIDE_M = 25.0
+"""Wider worlds are not shown as a whole, metres."""
 CAPTION_PX = 58
 """Height of the caption below the room, pixels."""
 
@@ -300,14 +304,22 @@ def _box_corners(pose: Sequence[float], length: float, width: float) -> list[tup
 
 
 def _frame(scenario: Scenario, path: NDArray[np.float64] | None) -> tuple[float, float, float, float]:
-    """Rectangle [x0, y0, x1, y1] (m) that holds the obstacles, start, goal and path."""
+    """Rectangle x0, y0, x1, y1 (m) that holds start, goal and path, and all obstacles unless the world is wide."""
     corners = [(x + dx, y + dy) for x, y, r in scenario.circles for dx, dy in ((-r, -r), (r, r))]
     for x, y, yaw, length, width in scenario.boxes:
         corners += _box_corners((x, y, yaw), length, width)
     corners += [point for polygon in scenario.polygons for point in polygon]
     corners += [point for xa, ya, xb, yb in scenario.segments for point in ((xa, ya), (xb, yb))]
-    places = [scenario.start[:2], scenario.goal, *([] if path is None else path.tolist())]
-    spread = [(x + d, y + d) for x, y in places for d in (-OPEN_MARGIN_M, OPEN_MARGIN_M)]
-    points = np.array([*corners, *(spread if not corners else places)])
-    low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+    places = np.array([scenario.start[:2], scenario.goal, *([] if path is None else path.tolist())])
+    around = np.array([places.min(axis=0) - OPEN_MARGIN_M, places.max(axis=0) + OPEN_MARGIN_M])
+    frame = around
+    if corners:
+        points = np.concatenate([np.array(corners), places])
+        frame = np.array([points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M])
+        if np.ptp(frame, axis=0).max() > WIDE_M:
+            # Of a wide world only the part that the robot may see.
+            frame = np.array([np.maximum(frame[0], around[0]), np.minimum(frame[1], around[1])])
+    sides = frame[1] - frame[0]
+    missing = np.maximum(NARROWEST * sides.max() - sides, 0)
+    (x0, y0), (x1, y1) = (frame + np.array([-0.5, 0.5])[:, None] * missing).tolist()
+    return x0, y0, x1, y1
