@@ -14,7 +14,8 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from navrl.config import Config
+from navrl import _navsim
+from navrl.config import Config, SimConfig
 from navrl.config_files import PRESETS, ROBOTS, Option, load_config, to_toml
 from navrl.config_ranges import allowed, choices, keys
 from navrl.config_reference import reference
@@ -221,6 +222,53 @@ def test_toml_reads_back_to_the_same_configuration_bit_for_bit(tmp_path: Path, c
     # repr tells 0.0 from -0.0, which are equal.
     assert again == config
     assert repr(again) == repr(config)
+
+
+@settings(max_examples=200, derandomize=True, deadline=None)
+@given(changes)
+def test_the_core_accepts_what_python_accepts(changes: dict[str, object]) -> None:
+    sim = SimConfig()
+    for key, value in changes.items():
+        table, name = key.split(".")
+        if hasattr(sim, table):
+            changed = dataclasses.replace(getattr(sim, table), **{name: value})
+            try:
+                sim = dataclasses.replace(sim, **{table: changed})
+            except ConfigError:
+                assume(False)
+    assert _navsim.read_list("", json.dumps(dataclasses.asdict(sim))) == ([], [])
+
+
+def test_the_core_knows_every_key_and_no_other() -> None:
+    tables = dataclasses.asdict(SimConfig())
+    for table, values in tables.items():
+        for name in values:
+            without = {**tables, table: {key: value for key, value in values.items() if key != name}}
+            with pytest.raises(ValueError, match=f"missing field `{name}`"):
+                _navsim.read_list("", json.dumps(without))
+        with pytest.raises(ValueError, match="unknown field `other`"):
+            _navsim.read_list("", json.dumps({**tables, table: {**values, "other": 1}}))
+
+
+@pytest.mark.parametrize(
+    ("table", "name", "value"),
+    [
+        ("lidar", "bins", 181),
+        ("lidar", "fov", 7.0),
+        ("lidar", "noise", -1.0),
+        ("robot", "radius", 0.0),
+        ("robot", "v_max", -1.0),
+        ("task", "period", 0.0),
+        ("world", "boxes", 65),
+        ("world", "goal_range_max", 1.0),
+        ("reward", "goal", 1e7),
+    ],
+)
+def test_the_core_refuses_ranges_by_itself(table: str, name: str, value: float) -> None:
+    tables = dataclasses.asdict(SimConfig())
+    tables[table][name] = value
+    with pytest.raises(ValueError, match=f"{table}.{name}"):
+        _navsim.read_list("", json.dumps(tables))
 
 
 def test_toml_has_a_header_for_each_table_and_one_setting_a_line() -> None:
