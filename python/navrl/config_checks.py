@@ -3,6 +3,7 @@
 Each line of the checks reads: refuse this key, unless it is as allowed.
 """
 
+from math import sqrt
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
@@ -11,8 +12,8 @@ from navrl.errors import ConfigError, shown
 if TYPE_CHECKING:
     from navrl.config import Config, SimConfig
 
-# Goals of these worlds lie at least this far from the start (m): a smaller range of goals would never yield one.
-LEAST_GOAL_DISTANCE = {"td3": 1.0, "boxes": 2.0}
+LEAST_GOAL_DISTANCE = {"td3": 1.0, "boxes": 2.0, "open8": 1.0}
+"""How far goals lie from the start at least (m). World files may differ: the core checks them when it reads them."""
 MOST_STEPS = 1_000_000
 
 
@@ -29,36 +30,27 @@ def check_sim(config: "SimConfig | Config") -> None:
         ConfigError: with the first combination that cannot be.
     """
     world, lidar, task = config.world, config.lidar, config.task
-    least = LEAST_GOAL_DISTANCE.get(world.name, 0.0)
     start, most = world.goal_range_start, world.goal_range_max
-    _require(
-        config,
-        "world.goal_range_start",
-        start >= least,
-        f"at least {least} m: nearer goals are not drawn there",
-        "world.name",
-    )
-    _require(
-        config, "world.goal_range_max", most >= start, f"at least goal_range_start = {start}", "world.goal_range_start"
-    )
+    # A goal at the end of both axes' range is sqrt(2) times as far.
+    least = LEAST_GOAL_DISTANCE.get(world.name, 0.0)
+    expected = f"above {least / sqrt(2):.4f}: in this world goals are at least {least} m away"
+    _require(config, "world.goal_range_start", start * sqrt(2) > least, expected, "world.name")
+    expected = f"at least goal_range_start = {start}"
+    _require(config, "world.goal_range_max", most >= start, expected, "world.goal_range_start")
 
     nearest, farthest = lidar.range_min, lidar.range_max
     _require(config, "lidar.range_min", nearest < farthest, f"below range_max = {farthest}", "lidar.range_max")
-    _require(
-        config,
-        "lidar.bins",
-        lidar.bins <= lidar.beams,
-        f"at most beams = {lidar.beams}: every bin needs a beam",
-        "lidar.beams",
-    )
+    expected = f"at most beams = {lidar.beams}: every bin needs a beam"
+    _require(config, "lidar.bins", lidar.bins <= lidar.beams, expected, "lidar.beams")
 
-    steps = task.time_limit / task.period
+    periods = task.time_limit / task.period
     expected = f"1 to {MOST_STEPS} periods of {task.period} s"
-    _require(config, "task.time_limit", 0.5 <= steps <= MOST_STEPS, expected, "task.period")
+    _require(config, "task.time_limit", 0.5 <= periods <= MOST_STEPS, expected, "task.period")
     if task.collision == "sensor":
         seen = nearest < task.sensor_range < farthest
         expected = f"between lidar.range_min = {nearest} and lidar.range_max = {farthest}"
-        _require(config, "task.sensor_range", seen, expected, "task.collision", "lidar.range_min", "lidar.range_max")
+        others = ("task.collision", "lidar.range_min", "lidar.range_max")
+        _require(config, "task.sensor_range", seen, expected, *others)
 
 
 def check_config(config: "Config") -> None:
@@ -78,42 +70,27 @@ def check_config(config: "Config") -> None:
 def _check_length(config: "Config") -> None:
     training = config.training
     ends = training.steps > 0 or training.episodes > 0
-    _require(config, "training.steps", ends, "at least 1, unless training.episodes is set", "training.episodes")
+    expected = "at least 1, unless training.episodes is set"
+    _require(config, "training.steps", ends, expected, "training.episodes")
     if training.update_schedule == "per_episode":
-        _require(
-            config,
-            "training.num_envs",
-            training.num_envs == 1,
-            '1 with update_schedule = "per_episode"',
-            "training.update_schedule",
-        )
+        expected = '1 with update_schedule = "per_episode"'
+        _require(config, "training.num_envs", training.num_envs == 1, expected, "training.update_schedule")
 
 
 def _check_exploration(config: "Config") -> None:
     noise, lidar = config.exploration, config.lidar
     if noise.schedule == "spread":
         rising = noise.sigma_min <= noise.sigma_max
-        _require(
-            config, "exploration.sigma_min", rising, f"at most sigma_max = {noise.sigma_max}", "exploration.sigma_max"
-        )
+        expected = f"at most sigma_max = {noise.sigma_max}"
+        _require(config, "exploration.sigma_min", rising, expected, "exploration.sigma_max")
     else:
         falling = noise.sigma_end <= noise.sigma_start
-        _require(
-            config,
-            "exploration.sigma_end",
-            falling,
-            f"at most sigma_start = {noise.sigma_start}",
-            "exploration.sigma_start",
-        )
+        expected = f"at most sigma_start = {noise.sigma_start}"
+        _require(config, "exploration.sigma_end", falling, expected, "exploration.sigma_start")
     if noise.forced:
-        most = noise.forced_steps_max
-        _require(
-            config,
-            "exploration.forced_steps_min",
-            noise.forced_steps_min <= most,
-            f"at most forced_steps_max = {most}",
-            "exploration.forced_steps_max",
-        )
+        rising = noise.forced_steps_min <= noise.forced_steps_max
+        expected = f"at most forced_steps_max = {noise.forced_steps_max}"
+        _require(config, "exploration.forced_steps_min", rising, expected, "exploration.forced_steps_max")
         seen = lidar.range_min < noise.forced_range <= lidar.range_max
         expected = f"above lidar.range_min = {lidar.range_min} and at most lidar.range_max = {lidar.range_max}"
         _require(config, "exploration.forced_range", seen, expected, "lidar.range_min", "lidar.range_max")
@@ -121,22 +98,13 @@ def _check_exploration(config: "Config") -> None:
 
 def _check_replay(config: "Config") -> None:
     learner, capacity = config.learner, config.replay.capacity
-    batch = learner.batch_size
-    _require(
-        config, "replay.capacity", capacity >= batch, f"at least learner.batch_size = {batch}", "learner.batch_size"
-    )
+    expected = f"at least learner.batch_size = {learner.batch_size}"
+    _require(config, "replay.capacity", capacity >= learner.batch_size, expected, "learner.batch_size")
     # Every robot may end its episode in the same step and then hands in all rows that were still waiting.
     waiting = config.training.num_envs * (learner.n_step + learner.delayed_steps)
     expected = f"at least num_envs x (n_step + delayed_steps) = {waiting}, the rows that one step may add"
-    _require(
-        config,
-        "replay.capacity",
-        capacity >= waiting,
-        expected,
-        "training.num_envs",
-        "learner.n_step",
-        "learner.delayed_steps",
-    )
+    others = ("training.num_envs", "learner.n_step", "learner.delayed_steps")
+    _require(config, "replay.capacity", capacity >= waiting, expected, *others)
 
 
 def _check_mirror(config: "Config") -> None:
