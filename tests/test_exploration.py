@@ -54,6 +54,18 @@ def test_forced_action_ends_with_its_episode() -> None:
     assert exploration.explore(policy, far, 0)[:, 0].tolist() == [-1.0, 0.0, -1.0]
 
 
+def test_no_forced_action_begins_during_another() -> None:
+    """Beside an obstacle all the time the same turn lasts 8 to 15 steps before the next one begins."""
+    exploration = Exploration(FORCED, num_envs=1, seed=0)
+    policy = np.zeros((1, 2), np.float32)
+    turns = [float(exploration.explore(policy, _near(1), 0)[0, 1]) for _ in range(400)]
+    changes = np.flatnonzero(np.diff(turns)) + 1
+    lengths = np.diff(changes)
+    assert len(lengths) > 20
+    assert lengths.min() == 8
+    assert lengths.max() == 15
+
+
 def test_forced_action_also_overrides_random_steps() -> None:
     config = ExplorationConfig(forced=True, forced_probability=1.0, random_steps=10)
     exploration = Exploration(config, num_envs=2, seed=0)

@@ -42,10 +42,7 @@ def delayed_returns(*, gamma: float, n_step: int, goal_reward: float, delayed_st
     """
     return np.array(
         [
-            sum(
-                gamma**k * delayed_reward(before - k, goal_reward, delayed_steps)
-                for k in range(min(n_step, before + 1))
-            )
+            sum(gamma**k * delayed_reward(before - k, goal_reward, delayed_steps) for k in range(n_step))
             for before in range(n_step + delayed_steps)
         ]
     )
