@@ -195,7 +195,7 @@ class Checkpoints:
         try:
             chunks = self._write_rows(replay)
             pending.mkdir()
-            state = save({name: np.ascontiguousarray(array) for name, array in arrays.items()})
+            state = save({name: np.asarray(array, order="C") for name, array in arrays.items()})
             write_file(pending / STATE, state)
             entry = _entry(f"{_name(number)}/{STATE}", state)
             manifest = {"schema": SCHEMA, "navrl": metadata.version("navrl"), **record}
@@ -204,14 +204,14 @@ class Checkpoints:
             write_file(pending / MANIFEST, _dump(manifest))
             os.rename(pending, self.folder / _name(number))
             sync_folder(self.folder)
+            self._chunks[number] = chunks
+            self._remove_older(keep)
         except OSError as error:
             shutil.rmtree(pending, ignore_errors=True)
             self._remove_unused_chunks()
             raise CheckpointError(
-                f"{self.folder}: no checkpoint could be written: {error.strerror}; the one before is complete"
+                f"{self.folder}: no checkpoint could be saved: {error.strerror}; the newest one there is complete"
             ) from error
-        self._chunks[number] = chunks
-        self._remove_older(keep)
 
     def _write_rows(self, replay: Replay) -> list[Chunk]:
         """Writes the rows that no file holds yet; returns the files that hold all of replay."""

@@ -287,6 +287,23 @@ class Run:
             return "episodes"
         return "steps" if limits.steps and self.counts.steps >= limits.steps else ""
 
+    @property
+    def report_due(self) -> bool:
+        """Whether a row of metrics has to be written: every so many steps, and at the end."""
+        counts = self.counts
+        return counts.steps >= counts.next_row or bool(self.ended_by and counts.last_row < counts.steps)
+
+    @property
+    def validation_due(self) -> bool:
+        """Whether the policy has to be validated: every so many steps, and at the end."""
+        counts = self.counts
+        return counts.steps >= counts.next_validation or bool(self.ended_by and counts.last_validation < counts.steps)
+
+    @property
+    def complete(self) -> bool:
+        """Whether no move is left."""
+        return bool(self.ended_by) and self.counts.owed < 1.0 and not self.report_due
+
     def summary(self, test_scores: Scores | None) -> dict[str, Any]:
         """The content of summary.json.
 

@@ -88,7 +88,7 @@ def resume(out: str | Path, *, steps: int | None = None, inexact: bool = False) 
         if steps is not None:
             run.extend(steps)
         summary = folder.summary()
-        if run.ended_by and summary is not None and summary["env_steps"] == run.counts.steps:
+        if run.complete and summary is not None and summary["updates"] == run.learner.updates:
             print(f"the run in {folder.path} is finished; --resume {folder.path} --steps N makes it longer")
         else:
             _Training(run).to_the_end()
@@ -138,7 +138,7 @@ class _Training:
                 monitor.show(run.progress, run.metrics.rates(), run.share)
             if run.counts.owed >= 1.0:
                 self._update()
-            elif self._report_due:
+            elif run.report_due:
                 self._report()
             elif run.ended_by:
                 return
@@ -183,18 +183,10 @@ class _Training:
         run.counts.owed -= count
         run.metrics.add_updates(metrics, count)
 
-    @property
-    def _report_due(self) -> bool:
-        """Whether a row of metrics has to be written: every so many steps, and at the end."""
-        counts = self.run.counts
-        return counts.steps >= counts.next_row or bool(self.run.ended_by and counts.last_row < counts.steps)
-
     def _report(self) -> None:
         """Evaluates when it is time to, and writes a row of metrics."""
         run, counts = self.run, self.run.counts
-        due = counts.steps >= counts.next_validation
-        at_end = bool(run.ended_by and counts.last_validation < counts.steps)
-        scores = self._validate() if due or at_end else None
+        scores = self._validate() if run.validation_due else None
         row = run.metrics.row(run.progress, scores)
         self.log.add(row)
         self.monitor.check_saturation(row["saturated_share"])
