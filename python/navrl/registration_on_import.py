@@ -5,10 +5,16 @@ Gymnasium 1 reads no entry points of packages, and navrl must not import Gymnasi
 
 import sys
 from collections.abc import Sequence
-from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
 from types import ModuleType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from importlib.abc import Loader, MetaPathFinder
+else:
+    # The abstract classes add nothing that is used, and take as long to import as the rest of `navrl --help`.
+    Loader = MetaPathFinder = object
 
 
 def register_environments() -> None:
