@@ -1,1 +1,31 @@
-//! x
+//! Python module `navrl._navsim`: checks arrays, releases the interpreter lock, calls the core, maps errors.
+
+mod arguments;
+mod batch;
+mod scenario;
+
+use pyo3::prelude::*;
+
+/// The simulator core of navrl.
+#[pymodule]
+mod _navsim {
+    #[pymodule_export]
+    use super::{check_world, isa};
+    #[pymodule_export]
+    use crate::batch::BatchSim;
+    #[pymodule_export]
+    use crate::scenario::{Scenario, draw_list, needs_detour, read_list, shortest_path};
+}
+
+/// Instruction set that the scan kernels run on: "baseline", "avx2" or "avx512".
+#[pyfunction]
+fn isa() -> &'static str {
+    navsim::lidar::Isa::current().name()
+}
+
+/// Refuses a configuration whose world cannot be set up for its robot.
+#[pyfunction]
+fn check_world(config: &str) -> PyResult<()> {
+    let config = navsim::SimConfig::from_json(config).map_err(arguments::refusal)?;
+    navsim::task::Task::new(config, None, 0).map(|_| ()).map_err(arguments::refusal)
+}

@@ -9,6 +9,8 @@
 //! * [`batch`]: [`BatchSim`], arrays in and arrays out, the only user of threads. A step of one robot is
 //!   [`robot`] (kinematics), [`collision`], [`lidar`], and [`task`] (observation, reward, episode).
 //!
+//! * [`planner`]: true shortest paths.
+//!
 //! Units are SI and radians; x is forward, y left, angles are counter-clockwise. Random numbers come from named
 //! streams ([`rng`]), so that results depend neither on the number of threads nor on the size of the batch.
 
@@ -19,6 +21,7 @@ pub mod collision;
 pub mod config;
 pub mod error;
 pub mod lidar;
+pub mod planner;
 pub mod pose;
 mod results;
 pub mod rng;

@@ -227,7 +227,7 @@ fn a_lidar_inside_a_solid_sees_zero() {
         for caster in [Caster::Raster, Caster::Parry] {
             let config = LidarConfig { caster, range_min: 0.12, ..config(8, 2.0 * PI, 10.0) };
             // Zero before the lower bound of the lidar.
-            assert_eq!(scan(&[solid.clone()], Pose::new(0.1, 0.0, 0.0), &config, Isa::detect()), [0.12; 8]);
+            assert_eq!(scan(std::slice::from_ref(&solid), Pose::new(0.1, 0.0, 0.0), &config, Isa::detect()), [0.12; 8]);
         }
     }
 }

@@ -1,0 +1,41 @@
+//! Arguments from Python: arrays checked by name, errors mapped.
+
+use navsim::Error;
+use numpy::{Element, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods, dtype};
+use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
+use pyo3::prelude::*;
+
+/// The Python exception of a refusal: ValueError, or RuntimeError where the machine and not the caller is at fault.
+pub fn refusal(error: Error) -> PyErr {
+    match error {
+        Error::Forked { .. } | Error::Threads { .. } => PyRuntimeError::new_err(error.to_string()),
+        _ => PyValueError::new_err(error.to_string()),
+    }
+}
+
+/// Copies a numpy array of exactly this type and shape into `values`, whatever its strides. The copy is what makes an
+/// argument safe that overlaps a result or is written by another thread during the call.
+pub fn copy_array<T: Element + Copy>(
+    name: &str,
+    argument: &Bound<'_, PyAny>,
+    shape: &[usize],
+    values: &mut Vec<T>,
+) -> PyResult<()> {
+    let py = argument.py();
+    let array = argument.cast::<PyUntypedArray>().map_err(|_| {
+        let got = argument.get_type().name().map_or_else(|_| "an object".into(), |name| name.to_string());
+        PyTypeError::new_err(format!("{name}: expected a numpy array, got {got}"))
+    })?;
+    if !array.dtype().is_equiv_to(&dtype::<T>(py)) {
+        let (expected, got) = (dtype::<T>(py), array.dtype());
+        return Err(PyTypeError::new_err(format!("{name}: expected dtype {expected}, got {got}")));
+    }
+    if array.shape() != shape {
+        let got = array.shape();
+        return Err(PyValueError::new_err(format!("{name}: expected shape {shape:?}, got {got:?}")));
+    }
+    let array = array.cast::<PyArrayDyn<T>>()?.readonly();
+    values.clear();
+    values.extend(array.as_array().iter().copied());
+    Ok(())
+}

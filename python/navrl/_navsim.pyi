@@ -1,0 +1,134 @@
+"""The Rust core, as navrl sees it. Configurations are JSON texts with every key given; see navrl.batch."""
+
+from collections.abc import Sequence
+from typing import Any, Self, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+class BatchSim:
+    def __new__(
+        cls,
+        config: str,
+        num_envs: int,
+        seed: int,
+        num_threads: int,
+        autoreset: bool,
+        scenarios: Sequence[Scenario] | None,
+    ) -> Self: ...
+    def reset(self, mask: NDArray[np.bool_] | None = None) -> None:
+        """Begins the next episode of all robots, or of those whose mask (num_envs,) is true."""
+    def step(self, actions: NDArray[np.float32]) -> None:
+        """Drives every robot for one control period; actions (num_envs, 2) are clipped to [-1, 1] (equation 6).
+
+        Raises:
+            TypeError: Not a float32 array.
+            ValueError: Another shape, NaN or infinity; nothing has moved then.
+        """
+    def state(self) -> bytes:
+        """Everything that the future depends on besides the arguments of the constructor."""
+    def restore(self, state: bytes) -> None:
+        """Continues bit for bit where `state` was taken, in a simulator made with the same arguments."""
+    def scenario(self, robot: int) -> Scenario:
+        """What this robot meets in its present episode."""
+    @property
+    def num_envs(self) -> int: ...
+    @property
+    def observation_size(self) -> int: ...
+    @property
+    def observations(self) -> NDArray[np.float32]: ...
+    @property
+    def rewards(self) -> NDArray[np.float32]: ...
+    @property
+    def terminated(self) -> NDArray[np.bool_]: ...
+    @property
+    def truncated(self) -> NDArray[np.bool_]: ...
+    @property
+    def final_observations(self) -> NDArray[np.float32]: ...
+    @property
+    def outcome(self) -> NDArray[np.uint8]: ...
+    @property
+    def ranges(self) -> NDArray[np.float32]: ...
+    @property
+    def poses(self) -> NDArray[np.float64]: ...
+    @property
+    def goals(self) -> NDArray[np.float64]: ...
+    @property
+    def velocities(self) -> NDArray[np.float64]: ...
+    @property
+    def episode_returns(self) -> NDArray[np.float64]: ...
+    @property
+    def episode_steps(self) -> NDArray[np.uint32]: ...
+    @property
+    def episode_path(self) -> NDArray[np.float64]: ...
+    @property
+    def episode_clearance(self) -> NDArray[np.float64]: ...
+    @property
+    def episodes(self) -> NDArray[np.uint64]: ...
+
+@final
+class Scenario:
+    """Start, goal and obstacles as a value, in metres and radians; the keys of a scenario list are its arguments.
+
+    Raises:
+        ValueError: A number that is not finite or out of range, a shape without extent, a polygon that is not convex.
+    """
+
+    def __new__(
+        cls,
+        *,
+        start: Sequence[float],
+        goal: Sequence[float],
+        goal_radius: float,
+        time_limit: float,
+        circles: Sequence[Sequence[float]] = [],
+        boxes: Sequence[Sequence[float]] = [],
+        segments: Sequence[Sequence[float]] = [],
+        polygons: Sequence[Sequence[Sequence[float]]] = [],
+        shortest: float | None = None,
+    ) -> Self: ...
+    @classmethod
+    def from_json(cls, line: str) -> Self:
+        """Reads one line of a scenario list."""
+    def to_json(self) -> str:
+        """One line of a scenario list; reads back to an equal scenario."""
+    @property
+    def start(self) -> tuple[float, float, float]: ...
+    @property
+    def goal(self) -> tuple[float, float]: ...
+    @property
+    def goal_radius(self) -> float: ...
+    @property
+    def time_limit(self) -> float: ...
+    @property
+    def shortest(self) -> float | None: ...
+    @property
+    def circles(self) -> list[tuple[float, float, float]]: ...
+    @property
+    def boxes(self) -> list[tuple[float, float, float, float, float]]: ...
+    @property
+    def segments(self) -> list[tuple[float, float, float, float]]: ...
+    @property
+    def polygons(self) -> list[list[tuple[float, float]]]: ...
+    def __hash__(self) -> int: ...
+    def __eq__(self, other: object) -> bool: ...
+    def __ne__(self, other: object) -> bool: ...
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+def draw_list(config: str, split: str, first: int, count: int, seed: int) -> list[Scenario]:
+    """Scenarios first to first + count - 1 of a split of the configured world."""
+
+def read_list(text: str, config: str) -> tuple[list[tuple[int, Scenario]], list[tuple[int, str]]]:
+    """Reads JSON Lines: (line, scenario) of those that the configured robot can run, (line, reason) of the others."""
+
+def shortest_path(scenario: Scenario, radius: float) -> float | None:
+    """Length (m) of the shortest path of a disc of that radius from the start to the goal circle; None without one."""
+
+def needs_detour(scenario: Scenario, radius: float) -> bool:
+    """Whether the segment from start to goal, swept by a disc of that radius, touches an obstacle."""
+
+def check_world(config: str) -> None:
+    """Refuses a configuration whose world cannot be set up for its robot."""
+
+def isa() -> str:
+    """Instruction set of the scan kernels: baseline, avx2 or avx512."""

@@ -1,0 +1,260 @@
+"""The binding: arrays in, arrays out, refusals that name the argument, and determinism."""
+
+import os
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from navrl.batch import BatchSim, Scenario, draw_list
+from navrl.config import LidarConfig, SimConfig, WorldConfig
+
+SHAPES = {
+    "observations": ((3, 24), np.float32),
+    "rewards": ((3,), np.float32),
+    "terminated": ((3,), np.bool_),
+    "truncated": ((3,), np.bool_),
+    "final_observations": ((3, 24), np.float32),
+    "outcome": ((3,), np.uint8),
+    "ranges": ((3, 180), np.float32),
+    "poses": ((3, 3), np.float64),
+    "goals": ((3, 2), np.float64),
+    "velocities": ((3, 2), np.float64),
+    "episode_returns": ((3,), np.float64),
+    "episode_steps": ((3,), np.uint32),
+    "episode_path": ((3,), np.float64),
+    "episode_clearance": ((3,), np.float64),
+    "episodes": ((3,), np.uint64),
+}
+
+
+def actions(robots: int, step: int) -> np.ndarray:
+    """Actions (robots, 2) float32 of which row k depends on k and the step only."""
+    rows = [np.random.default_rng([step, k]).uniform((-0.2, -1), (1, 1)) for k in range(robots)]
+    return np.array(rows, dtype=np.float32)
+
+
+def test_results_are_read_only_arrays_in_place() -> None:
+    sim = BatchSim(num_envs=3)
+    assert (sim.num_envs, sim.observation_size) == (3, 24)
+    for name, (shape, dtype) in SHAPES.items():
+        array = getattr(sim, name)
+        assert array.shape == shape, name
+        assert array.dtype == dtype, name
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+        with pytest.raises(ValueError, match="WRITEABLE"):
+            array.flags.writeable = True
+    before = sim.observations
+    old = before.copy()
+    sim.step(actions(3, 0))
+    assert np.shares_memory(before, sim.observations)
+    assert (before != old).any()
+
+
+def test_arrays_outlive_the_simulator() -> None:
+    sim = BatchSim(num_envs=3)
+    observations = sim.observations
+    copy = observations.copy()
+    del sim
+    BatchSim(num_envs=3, seed=1)
+    np.testing.assert_array_equal(observations, copy)
+
+
+BAD_ACTIONS = [
+    (np.zeros((3, 2)), TypeError, "actions: expected dtype float32, got float64"),
+    (np.zeros((2, 2), np.float32), ValueError, r"actions: expected shape \[3, 2\], got \[2, 2\]"),
+    (np.zeros(6, np.float32), ValueError, r"actions: expected shape \[3, 2\], got \[6\]"),
+    (np.zeros((3, 2), ">f4"), TypeError, "actions: expected dtype float32, got >f4"),
+    ([[0.0, 0.0]] * 3, TypeError, "actions: expected a numpy array, got list"),
+    (None, TypeError, "actions: expected a numpy array, got NoneType"),
+    (
+        np.array([[0, 0], [0, np.nan], [0, 0]], np.float32),
+        ValueError,
+        "actions: expected finite numbers, got NaN for robot 1",
+    ),
+    (
+        np.array([[0, 0], [0, 0], [np.inf, 0]], np.float32),
+        ValueError,
+        "actions: expected finite numbers, got inf for robot 2",
+    ),
+]
+
+
+@pytest.mark.parametrize(("bad", "error", "message"), BAD_ACTIONS)
+def test_bad_actions_are_refused_and_change_nothing(bad: object, error: type[Exception], message: str) -> None:
+    sim = BatchSim(num_envs=3)
+    before = sim.state()
+    with pytest.raises(error, match=message):
+        sim.step(bad)  # type: ignore[arg-type]
+    assert sim.state() == before
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    hnp.arrays(
+        dtype=st.sampled_from([np.float32, np.float64, np.int32, np.float16, np.bool_]),
+        shape=hnp.array_shapes(min_dims=0, max_dims=3, max_side=4),
+    )
+)
+def test_any_array_steps_or_is_refused(array: np.ndarray) -> None:
+    sim = BatchSim(num_envs=3)
+    good = array.dtype == np.float32 and array.shape == (3, 2) and np.isfinite(array).all()
+    if good:
+        sim.step(array)
+    else:
+        with pytest.raises((TypeError, ValueError), match="actions"):
+            sim.step(array)
+
+
+def test_strided_read_only_and_overlapping_actions_give_the_same_result() -> None:
+    expected = BatchSim(num_envs=3)
+    plain = np.ascontiguousarray(expected.observations[:, 21:23])
+    expected.step(plain)
+    wide = np.zeros((3, 4), np.float32)
+    wide[:, ::2] = plain
+    read_only = plain.copy()
+    read_only.flags.writeable = False
+    for variant in (wide[:, ::2], np.asfortranarray(plain), read_only, plain[::-1].copy()[::-1]):
+        sim = BatchSim(num_envs=3)
+        sim.step(variant)
+        np.testing.assert_array_equal(sim.observations, expected.observations)
+    overlapping = BatchSim(num_envs=3)
+    overlapping.step(overlapping.observations[:, 21:23])
+    np.testing.assert_array_equal(overlapping.observations, expected.observations)
+
+
+def test_masks_are_checked() -> None:
+    sim = BatchSim(num_envs=3)
+    with pytest.raises(TypeError, match="mask: expected dtype bool, got uint8"):
+        sim.reset(np.zeros(3, np.uint8))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"mask: expected shape \[3\], got \[2\]"):
+        sim.reset(np.zeros(2, np.bool_))
+    sim.reset(np.array([True, False, True]))
+    np.testing.assert_array_equal(sim.episodes, [1, 0, 1])
+
+
+def test_robots_do_not_depend_on_batch_or_threads() -> None:
+    sims = [BatchSim(num_envs=n, seed=2, num_threads=t) for n, t in ((1, 1), (64, 1), (64, 2))]
+    for step in range(400):
+        for sim in sims:
+            sim.step(actions(sim.num_envs, step))
+        for name in SHAPES:
+            rows = [getattr(sim, name)[:1] for sim in sims]
+            np.testing.assert_array_equal(rows[0], rows[1], err_msg=name)
+            np.testing.assert_array_equal(rows[0], rows[2], err_msg=name)
+    np.testing.assert_array_equal(sims[1].observations, sims[2].observations)
+    assert sims[0].episodes[0] > 0
+
+
+def test_a_state_is_restored_bit_for_bit() -> None:
+    sim = BatchSim(num_envs=5, seed=4)
+    for step in range(100):
+        sim.step(actions(5, step))
+    other = BatchSim(num_envs=5, seed=4)
+    view = other.observations
+    other.restore(sim.state())
+    np.testing.assert_array_equal(view, sim.observations)
+    for step in range(100, 200):
+        sim.step(actions(5, step))
+        other.step(actions(5, step))
+    assert sim.state() == other.state()
+    with pytest.raises(ValueError, match="simulator state"):
+        sim.restore(b"nonsense")
+
+
+def test_seeds_share_no_world() -> None:
+    starts = [BatchSim(num_envs=50, seed=seed).poses.copy() for seed in (0, 1)]
+    assert not np.isin(starts[0][:, 0], starts[1][:, 0]).any()
+
+
+def test_scenarios_run_and_survive_pickling_and_json() -> None:
+    drawn = draw_list(SimConfig(), "test", 4)
+    assert [Scenario.from_json(s.to_json()) for s in drawn] == drawn
+    assert pickle.loads(pickle.dumps(drawn)) == drawn
+    assert len({hash(s) for s in drawn}) == 4
+    assert drawn != draw_list(SimConfig(), "validation", 4)
+    sim = BatchSim(num_envs=4, scenarios=drawn)
+    np.testing.assert_array_equal(sim.poses, [s.start for s in drawn])
+    np.testing.assert_array_equal(sim.goals, [s.goal for s in drawn])
+    assert [sim.scenario(k) for k in range(4)] == drawn
+    with pytest.raises(IndexError, match="robot: expected 0 to 3, got 4"):
+        sim.scenario(4)
+
+
+def test_a_running_episode_is_a_scenario() -> None:
+    sim = BatchSim(num_envs=2, seed=9)
+    scenario = sim.scenario(1)
+    assert scenario.start == tuple(sim.poses[1])
+    replay = BatchSim(SimConfig(lidar=LidarConfig(noise=0.0)), num_envs=1, scenarios=[scenario])
+    quiet = BatchSim(SimConfig(lidar=LidarConfig(noise=0.0)), num_envs=2, seed=9)
+    np.testing.assert_array_equal(replay.ranges[0], quiet.ranges[1])
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"start": (0, 0, 0), "goal": (1, 0), "goal_radius": 0.3, "time_limit": float("nan")},
+        {"start": (0, 0, 0), "goal": (1, 0), "goal_radius": -0.3, "time_limit": 10},
+        {"start": (0, 0, 0), "goal": (1, 0), "goal_radius": 0.3, "time_limit": 10, "circles": [(0, 0, 0)]},
+        {"start": (0, 0, 0), "goal": (1, 0), "goal_radius": 0.3, "time_limit": 10, "polygons": [[(0, 0), (1, 1)]]},
+    ],
+)
+def test_bad_scenarios_are_refused(arguments: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match=r"\S"):
+        Scenario(**arguments)  # type: ignore[arg-type]
+
+
+def test_a_full_world_is_said_so() -> None:
+    config = SimConfig(world=WorldConfig(name="boxes", boxes=64))
+    with pytest.raises(ValueError, match="world 'boxes' is too full"):
+        BatchSim(config, num_envs=16)
+
+
+FORK = """
+import os, numpy as np
+from navrl.batch import BatchSim
+sim = BatchSim(num_envs=8, num_threads=2)
+child = os.fork()
+if child == 0:
+    try:
+        sim.step(np.zeros((8, 2), np.float32))
+    except RuntimeError as error:
+        os._exit(0 if "fork" in str(error) else 1)
+    os._exit(2)
+raise SystemExit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_fork_is_an_error_and_no_hang() -> None:
+    assert subprocess.run([sys.executable, "-c", FORK], timeout=60, check=False).returncode == 0
+
+
+def test_every_instruction_set_gives_the_same_bits() -> None:
+    code = (
+        "import hashlib, numpy as np\n"
+        "from navrl.batch import BatchSim\n"
+        "sim = BatchSim(num_envs=16, seed=3)\n"
+        "digest = hashlib.sha256()\n"
+        "for step in range(300):\n"
+        "    sim.step(np.random.default_rng(step).uniform(-1, 1, (16, 2)).astype(np.float32))\n"
+        "    digest.update(sim.final_observations.tobytes() + sim.ranges.tobytes() + sim.poses.tobytes())\n"
+        "print(digest.hexdigest())\n"
+    )
+    outputs = {
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, "NAVRL_ISA": isa},
+            capture_output=True,
+            check=True,
+            text=True,
+        ).stdout
+        for isa in ("baseline", "avx2", "avx512")
+    }
+    assert len(outputs) == 1
