@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from math import isnan
 
@@ -9,171 +10,22 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 
-from navrl.config import Config, LearnerConfig, LidarConfig, NetworksConfig, RewardConfig, RobotConfig, TaskConfig
+from navrl.config import Config, LearnerConfig, NetworksConfig, RewardConfig, RobotConfig, TaskConfig
 from navrl.encoding import encoded_size
 from navrl.networks import mirror_actions, mirror_encoded
 from navrl.replay import NonFiniteError, Replay, row_width
 from navrl.streams import stream
 from navrl.td3 import BLOCK, TD3, target_bounds
-
-BINS, SEED = 6, 3
-
-
-def _config(networks: NetworksConfig | None = None, **learner: object) -> Config:
-    """A small learner with the defaults' options."""
-    return Config(
-        lidar=LidarConfig(bins=BINS),
-        networks=networks or NetworksConfig(hidden_sizes=(12, 10)),
-        learner=LearnerConfig(**{"batch_size": 7, **learner}),  # type: ignore[arg-type]
-    )
+from plain_td3 import BINS, SEED, PlainActor, PlainCritic, PlainTD3, made_up_replay, small_config, small_learner
 
 
-def _replay(config: Config, rows: int = 50) -> Replay:
-    """Made-up rows; a fifth of them terminal."""
-    generator = np.random.default_rng(1)
-    replay = Replay(64, row_width(encoded_size(BINS, config.networks.encoding)))
-    numbers = generator.normal(0.0, 1.0, (rows, replay.width)).astype(np.float32)
-    numbers[:, -1] = np.where(generator.random(rows) < 0.2, 0.0, 0.95)
-    replay.add(numbers)
-    return replay
-
-
-def _learner(config: Config, dtype: torch.dtype = torch.float32) -> TD3:
-    return TD3(config, _replay(config), seed=SEED, dtype=dtype)
-
-
-class PlainCritic(nn.Module):
-    """One critic of equation 7 from separate linear layers."""
-
-    def __init__(self, state: dict[str, NDArray[np.generic]], name: str, number: int, *, frozen: bool) -> None:
-        super().__init__()
-        layers = sum(key.startswith(f"{name}.weights.") for key in state)
-        weights = [torch.from_numpy(state[f"{name}.weights.{i}"][number]) for i in range(layers)]
-        biases = [torch.from_numpy(state[f"{name}.biases.{i}"][number, 0]) for i in range(layers)]
-        self.w = nn.ParameterList(weight.clone() for weight in weights)
-        self.b = nn.ParameterList(bias.clone() for bias in biases)
-        self.w_action = nn.Parameter(torch.from_numpy(state[f"{name}.action_weight"][number]).T.clone())
-        self.frozen = frozen
-
-    def forward(self, observation: Tensor, action: Tensor) -> Tensor:
-        """Q of one observation and one action."""
-        w_state, w_action, bias = self.w[1], self.w_action, self.b[1]
-        if self.frozen:
-            w_state, w_action, bias = w_state.detach(), w_action.detach(), bias.detach()
-        hidden = (self.w[0] @ observation + self.b[0]).relu()
-        hidden = (w_state @ hidden + w_action @ action + bias).relu()
-        for w, b in list(zip(self.w, self.b, strict=True))[2:-1]:
-            hidden = (w @ hidden + b).relu()
-        return (self.w[-1] @ hidden + self.b[-1])[0]
-
-
-class PlainActor(nn.Module):
-    """The actor of equation 8, one observation at a time."""
-
-    def __init__(self, state: dict[str, NDArray[np.generic]], name: str) -> None:
-        super().__init__()
-        layers = sum(key.startswith(f"{name}.hidden.") for key in state) // 2
-        names = [f"{name}.hidden.{i}" for i in range(layers)] + [f"{name}.output"]
-        self.w = nn.ParameterList(torch.from_numpy(state[f"{n}.weight"]).clone() for n in names)
-        self.b = nn.ParameterList(torch.from_numpy(state[f"{n}.bias"]).clone() for n in names)
-
-    def forward(self, observation: Tensor) -> Tensor:
-        """What goes into tanh."""
-        hidden = observation
-        for w, b in list(zip(self.w, self.b, strict=True))[:-1]:
-            hidden = (w @ hidden + b).relu()
-        return self.w[-1] @ hidden + self.b[-1]
-
-
-class PlainAdam:
-    """Adam as its paper prints it."""
-
-    def __init__(self, parameters: list[nn.Parameter], lr: float) -> None:
-        self.parameters, self.lr, self.t = parameters, lr, 0
-        self.m = [torch.zeros_like(p) for p in parameters]
-        self.v = [torch.zeros_like(p) for p in parameters]
-
-    def step(self, loss: Tensor) -> None:
-        """One step down the gradient of `loss`; parameters that it does not depend on stay."""
-        self.t += 1
-        gradients = torch.autograd.grad(loss, self.parameters, allow_unused=True)
-        for p, m, v, g in zip(self.parameters, self.m, self.v, gradients, strict=True):
-            if g is not None:
-                m.copy_(0.9 * m + 0.1 * g)
-                v.copy_(0.999 * v + 0.001 * g * g)
-                with torch.no_grad():
-                    p -= self.lr * (m / (1 - 0.9**self.t)) / ((v / (1 - 0.999**self.t)).sqrt() + 1e-8)
-
-
-class PlainTD3:
-    """The update with separate networks and loops over the batch, from the state of a learner."""
-
-    def __init__(self, config: Config, replay: Replay, state: dict[str, NDArray[np.generic]]) -> None:
-        self.config, self.options, self.replay = config, config.learner, replay
-        self.twin = self.options.algorithm == "td3"
-        frozen, critics = config.networks.frozen_combined, range(2 if self.twin else 1)
-        self.critics = [PlainCritic(state, "critic", i, frozen=frozen) for i in critics]
-        self.critic_targets = [PlainCritic(state, "critic_target", i, frozen=frozen) for i in critics]
-        self.actor, self.actor_target = PlainActor(state, "actor"), PlainActor(state, "actor_target")
-        parameters = [p for critic in self.critics for p in critic.parameters()]
-        self.critic_adam = PlainAdam(parameters, self.options.critic_lr)
-        self.actor_adam = PlainAdam(list(self.actor.parameters()), self.options.actor_lr)
-        self.indices, self.mirror, self.noise = (
-            stream(SEED, name) for name in ("replay_indices", "mirror", "target_noise")
-        )
-        self.updates = 0
-
-    def row(self, index: int, *, mirrored: bool) -> tuple[Tensor, ...]:
-        """Observation, action, successor, return and bootstrap factor of a row, perhaps mirrored."""
-        row = torch.from_numpy(self.replay.rows[index]).double()
-        size = encoded_size(BINS, self.config.networks.encoding)
-        parts = list(row.split([size, 2, size, 1, 1]))
-        if mirrored:
-            for i in (0, 2):
-                rest = parts[i][BINS:].clone()
-                rest[[1, -1]] *= -1.0
-                parts[i] = torch.cat([parts[i][:BINS].flip(0), rest])
-            parts[1] = parts[1] * torch.tensor([1.0, -1.0], dtype=torch.float64)
-        return tuple(parts)
-
-    def update(self) -> None:
-        """One update."""
-        options, size = self.options, self.options.batch_size
-        indices = self.indices.integers(self.replay.size, size=size)
-        flips = self.mirror.random(size, np.float32) < 0.5 if options.mirror else np.zeros(size, bool)
-        sigma = options.policy_noise if self.twin else 0.0
-        noise = self.noise.standard_normal((size, 2), np.float32) * np.float32(sigma) if sigma else np.zeros((size, 2))
-        rows = [self.row(i, mirrored=bool(f)) for i, f in zip(indices, flips, strict=True)]
-        low, high = target_bounds(self.config)
-        loss = torch.zeros((), dtype=torch.float64)
-        for (s, a, s2, reward, bootstrap), n in zip(rows, torch.from_numpy(noise).double(), strict=True):
-            with torch.no_grad():
-                clipped = n.clamp(-options.noise_clip, options.noise_clip)
-                a2 = (self.actor_target(s2).tanh() + clipped).clamp(-1.0, 1.0)
-                y = reward[0] + bootstrap[0] * min(critic(s2, a2) for critic in self.critic_targets)
-                if options.clip_targets:
-                    y = y.clamp(low, high)
-            for critic in self.critics:
-                loss = loss + (critic(s, a) - y) ** 2 / size
-        self.critic_adam.step(loss)
-        self.updates += 1
-        if self.updates % (options.policy_delay if self.twin else 1) == 0:
-            self.update_actor([row[0] for row in rows])
-
-    def update_actor(self, observations: list[Tensor]) -> None:
-        """The delayed part."""
-        loss = torch.zeros((), dtype=torch.float64)
-        for s in observations:
-            z = self.actor(s)
-            loss = loss - self.critics[0](s, z.tanh()) / len(observations)
-            loss = loss + self.options.pretanh_penalty * (z**2).mean() / len(observations)
-        self.actor_adam.step(loss)
-        pairs = [(self.actor_target, self.actor), *zip(self.critic_targets, self.critics, strict=True)]
-        for target, online in pairs:
-            for p_target, p in zip(target.parameters(), online.parameters(), strict=True):
-                p_target.data = self.options.tau * p.data + (1 - self.options.tau) * p_target.data
+@pytest.fixture(autouse=True)
+def _denormals() -> Iterator[None]:
+    """A learner flushes denormal numbers to zero in its thread; other tests must not see that."""
+    yield
+    torch.set_flush_denormal(False)
 
 
 def _assert_same(plain: PlainTD3, td3: TD3) -> None:
@@ -207,8 +59,8 @@ def test_update_equals_the_plain_formulation(
     algorithm: str, networks: dict[str, object], learner: dict[str, object]
 ) -> None:
     sizes = {"hidden_sizes": (12, 10), **networks}
-    config = _config(NetworksConfig(**sizes), algorithm=algorithm, **learner)  # type: ignore[arg-type]
-    td3 = _learner(config, torch.float64)
+    config = small_config(NetworksConfig(**sizes), algorithm=algorithm, **learner)  # type: ignore[arg-type]
+    td3 = small_learner(config, torch.float64)
     plain = PlainTD3(config, td3.replay, td3.state())
     _assert_same(plain, td3)
     for _ in range(15):
@@ -219,14 +71,14 @@ def test_update_equals_the_plain_formulation(
 
 def test_clipped_targets_differ_from_free_ones() -> None:
     """The case above clips for real."""
-    config = _config(clip_targets=True, reward_scale=1e-3)
-    free = _config(clip_targets=False, reward_scale=1e-3)
-    assert _learner(config).update(3) != _learner(free).update(3)
+    config = small_config(clip_targets=True, reward_scale=1e-3)
+    free = small_config(clip_targets=False, reward_scale=1e-3)
+    assert small_learner(config).update(3) != small_learner(free).update(3)
 
 
 def test_metrics_are_those_of_the_plain_formulation() -> None:
-    config = _config(policy_delay=2)
-    td3 = _learner(config, torch.float64)
+    config = small_config(policy_delay=2)
+    td3 = small_learner(config, torch.float64)
     plain = PlainTD3(config, td3.replay, td3.state())
     indices = stream(SEED, "replay_indices").integers(50, size=7)
     flips = stream(SEED, "mirror").random(7, np.float32) < 0.5
@@ -270,7 +122,7 @@ def _critic_loss(plain: PlainTD3, rows: list[tuple[Tensor, ...]]) -> float:
 
 
 def test_saturated_share_counts_outputs_beyond_0_99() -> None:
-    td3 = _learner(_config(policy_delay=1, pretanh_penalty=0.0))
+    td3 = small_learner(small_config(policy_delay=1, pretanh_penalty=0.0))
     for actor in (td3.actor, td3.actor_target):
         with torch.no_grad():
             actor.output.weight.zero_()
@@ -283,7 +135,7 @@ def test_pretanh_penalty_brings_a_saturated_actor_back() -> None:
     """Without it the gradient of a saturated output vanishes; with it the inputs of tanh shrink."""
     inputs = {}
     for penalty in (0.0, 1.0):
-        td3 = _learner(_config(policy_delay=1, pretanh_penalty=penalty, actor_lr=1e-2))
+        td3 = small_learner(small_config(policy_delay=1, pretanh_penalty=penalty, actor_lr=1e-2))
         with torch.no_grad():
             td3.actor.output.bias.fill_(20.0)
         td3.update(200)
@@ -293,8 +145,8 @@ def test_pretanh_penalty_brings_a_saturated_actor_back() -> None:
 
 
 def test_frozen_combined_layer_never_changes() -> None:
-    frozen = _learner(_config(NetworksConfig(hidden_sizes=(12, 10), frozen_combined=True)))
-    trained = _learner(_config())
+    frozen = small_learner(small_config(NetworksConfig(hidden_sizes=(12, 10), frozen_combined=True)))
+    trained = small_learner(small_config())
     for td3, same in ((frozen, True), (trained, False)):
         before = td3.state()
         td3.update(10)
@@ -307,8 +159,8 @@ def test_frozen_combined_layer_never_changes() -> None:
 
 def test_mirrored_row_is_what_a_mirrored_world_would_store() -> None:
     """A learner that draws every row mirrored learns what one does from mirrored rows."""
-    config = _config(mirror=False)
-    td3, mirrored = _learner(config), _learner(_config())
+    config = small_config(mirror=False)
+    td3, mirrored = small_learner(config), small_learner(small_config())
     encoded, action = mirror_encoded(BINS, "inverse"), mirror_actions()
     size, rows = td3.inputs, td3.replay.rows
     for start in (0, size + 2):
@@ -329,9 +181,9 @@ def test_mirrored_row_is_what_a_mirrored_world_would_store() -> None:
 
 
 def test_half_of_the_rows_are_mirrored() -> None:
-    config = _config(batch_size=1000)
-    td3 = TD3(config, _replay(config), seed=SEED)
-    plain = TD3(replace(config, learner=replace(config.learner, mirror=False)), _replay(config), seed=SEED)
+    config = small_config(batch_size=1000)
+    td3 = TD3(config, made_up_replay(config), seed=SEED)
+    plain = TD3(replace(config, learner=replace(config.learner, mirror=False)), made_up_replay(config), seed=SEED)
     changed = [(a[0] != b[0]).any(1).float().mean() for a, b in zip(td3._batches(10), plain._batches(10), strict=True)]
     # Five standard errors of 10,000 draws: 0.025
     assert float(torch.stack(changed).mean()) == pytest.approx(0.5, abs=0.025)
@@ -348,14 +200,14 @@ def _assert_bitwise(a: TD3, b: TD3) -> None:
 @pytest.mark.parametrize("algorithm", ["td3", "ddpg"])
 @pytest.mark.parametrize("batch_size", [1, 7, 64])
 def test_restored_learner_continues_bitwise(algorithm: str, batch_size: int) -> None:
-    config = _config(algorithm=algorithm, batch_size=batch_size)
-    td3 = _learner(config)
+    config = small_config(algorithm=algorithm, batch_size=batch_size)
+    td3 = small_learner(config)
     td3.set_progress(0.3)
     td3.update(5)
     td3.average_actor()
     saved = {name: array.copy() for name, array in td3.state().items()}
     td3.update(4)
-    restored = _learner(config)
+    restored = small_learner(config)
     restored.update(2)
     restored.restore(saved)
     metrics = restored.update(4)
@@ -369,7 +221,7 @@ def test_restored_learner_continues_bitwise(algorithm: str, batch_size: int) -> 
 
 
 def test_grouping_of_updates_into_calls_changes_nothing() -> None:
-    one, many = _learner(_config()), _learner(_config())
+    one, many = small_learner(small_config()), small_learner(small_config())
     one.update(BLOCK + 13)
     for count in (1, 2, 3, 1, 5, 30, BLOCK - 29):
         many.update(count)
@@ -377,7 +229,7 @@ def test_grouping_of_updates_into_calls_changes_nothing() -> None:
 
 
 def test_state_is_a_copy() -> None:
-    td3 = _learner(_config())
+    td3 = small_learner(small_config())
     before = td3.state()
     kept = {name: array.tobytes() for name, array in before.items()}
     td3.update(3)
@@ -385,8 +237,8 @@ def test_state_is_a_copy() -> None:
 
 
 def test_restore_refuses_other_shapes_and_seeds_untouched() -> None:
-    td3 = _learner(_config())
-    other = _learner(_config(NetworksConfig(hidden_sizes=(12, 11))))
+    td3 = small_learner(small_config())
+    other = small_learner(small_config(NetworksConfig(hidden_sizes=(12, 11))))
     before = {name: array.tobytes() for name, array in td3.state().items()}
     with pytest.raises(ValueError, match=r"shape \(11, 12\), this run needs \(10, 12\)"):
         td3.restore(other.state())
@@ -395,14 +247,14 @@ def test_restore_refuses_other_shapes_and_seeds_untouched() -> None:
     with pytest.raises(ValueError, match=r"critic_adam\.step has shape None"):
         td3.restore(missing)
     with pytest.raises(ValueError, match="another seed"):
-        td3.restore(TD3(_config(), td3.replay, seed=SEED + 1).state())
+        td3.restore(TD3(small_config(), td3.replay, seed=SEED + 1).state())
     assert {name: array.tobytes() for name, array in td3.state().items()} == before
 
 
 def test_seeds_differ_and_repeat() -> None:
-    config = _config()
-    same, again = TD3(config, _replay(config), seed=1), TD3(config, _replay(config), seed=1)
-    other = TD3(config, _replay(config), seed=2)
+    config = small_config()
+    same, again = TD3(config, made_up_replay(config), seed=1), TD3(config, made_up_replay(config), seed=1)
+    other = TD3(config, made_up_replay(config), seed=2)
     for td3 in (same, again, other):
         td3.update(3)
     _assert_bitwise(same, again)
@@ -412,14 +264,14 @@ def test_seeds_differ_and_repeat() -> None:
 def test_global_random_state_is_left_alone() -> None:
     torch.manual_seed(0)
     before = torch.get_rng_state()
-    td3 = _learner(_config())
+    td3 = small_learner(small_config())
     td3.update(2)
     assert torch.equal(before, torch.get_rng_state())
 
 
 @pytest.mark.parametrize("column", [0, 6, -2])
 def test_not_a_number_in_replay_stops_the_update(column: int) -> None:
-    td3 = _learner(_config(batch_size=64))
+    td3 = small_learner(small_config(batch_size=64))
     td3.update(2)
     td3.replay.rows[: td3.replay.size, column] = np.nan
     with pytest.raises(NonFiniteError, match="the critics' error in update 3 is not finite"):
@@ -428,7 +280,7 @@ def test_not_a_number_in_replay_stops_the_update(column: int) -> None:
 
 @pytest.mark.parametrize(("network", "name"), [("actor", "actor"), ("critic", "critics")])
 def test_infinite_parameter_stops_the_update(network: str, name: str) -> None:
-    td3 = _learner(_config(policy_delay=1000))
+    td3 = small_learner(small_config(policy_delay=1000))
     with torch.no_grad():
         next(getattr(td3, network).parameters())[0, 0] = float("inf")
     match = "a parameter of the actor" if name == "actor" else "critics"
@@ -436,8 +288,16 @@ def test_infinite_parameter_stops_the_update(network: str, name: str) -> None:
         td3.update(1)
 
 
+def test_denormals_are_flushed() -> None:
+    """Otherwise the moments of dead units decay into them and slow every update down."""
+    small = torch.full((64,), 2e-38)
+    assert (small * 0.01).all()
+    small_learner(small_config())
+    assert not (small * 0.01).any()
+
+
 def test_no_rows_no_update() -> None:
-    config = _config()
+    config = small_config()
     td3 = TD3(config, Replay(8, row_width(encoded_size(BINS, "inverse"))))
     with pytest.raises(ValueError, match="no rows"):
         td3.update(1)
@@ -446,7 +306,7 @@ def test_no_rows_no_update() -> None:
 
 
 def test_step_sizes_fall_linearly() -> None:
-    td3 = _learner(_config(critic_lr=1e-2, actor_lr=1e-3, final_lr_fraction=0.2))
+    td3 = small_learner(small_config(critic_lr=1e-2, actor_lr=1e-3, final_lr_fraction=0.2))
     for progress, share in ((0.0, 1.0), (0.5, 0.6), (1.0, 0.2)):
         td3.set_progress(progress)
         assert td3.critic_optimizer.param_groups[0]["lr"] == pytest.approx(1e-2 * share)
@@ -454,7 +314,7 @@ def test_step_sizes_fall_linearly() -> None:
 
 
 def test_averaged_actor_is_the_policy() -> None:
-    td3 = _learner(_config(averaging_rate=0.25, policy_delay=1))
+    td3 = small_learner(small_config(averaging_rate=0.25, policy_delay=1))
     start = td3.policy_weights()
     td3.update(5)
     online = {name: tensor.numpy().copy() for name, tensor in td3.actor.state_dict().items()}
@@ -462,14 +322,14 @@ def test_averaged_actor_is_the_policy() -> None:
     td3.average_actor()
     for name, array in td3.policy_weights().items():
         np.testing.assert_allclose(array, 0.25 * online[name] + 0.75 * start[name], atol=1e-6)
-    off = _learner(_config(averaging_rate=0.0))
+    off = small_learner(small_config(averaging_rate=0.0))
     off.update(3)
     off.average_actor()
     assert off.policy is off.actor
 
 
 def test_acting_is_the_actor() -> None:
-    td3 = _learner(_config())
+    td3 = small_learner(small_config())
     td3.update(6)
     encoded = np.random.default_rng(0).normal(size=(9, td3.inputs)).astype(np.float32)
     actions = td3.act(encoded)
