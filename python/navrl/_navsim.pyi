@@ -81,10 +81,10 @@ class Scenario:
         goal: Sequence[float],
         goal_radius: float,
         time_limit: float,
-        circles: Sequence[Sequence[float]] = [],
-        boxes: Sequence[Sequence[float]] = [],
-        segments: Sequence[Sequence[float]] = [],
-        polygons: Sequence[Sequence[Sequence[float]]] = [],
+        circles: Sequence[Sequence[float]] = ...,
+        boxes: Sequence[Sequence[float]] = ...,
+        segments: Sequence[Sequence[float]] = ...,
+        polygons: Sequence[Sequence[Sequence[float]]] = ...,
         shortest: float | None = None,
     ) -> Self: ...
     @classmethod

@@ -40,8 +40,8 @@ class BatchSim(_navsim.BatchSim):
     * ``ranges (num_envs, beams) float32`` (m), ``poses (num_envs, 3) float64`` (m, m, rad), ``goals (num_envs, 2)
       float64`` (m): the situation now;
     * ``velocities (num_envs, 2) float64`` (m/s, rad/s), ``episode_returns``, ``episode_steps``, ``episode_path`` (m),
-      ``episode_clearance`` (m), ``episodes``: of the step just made and the episode that it belongs to. Returns are those
-      of the paper's reward, whatever the configuration trains on.
+      ``episode_clearance`` (m), ``episodes``: of the step just made and the episode that it belongs to. Returns are
+      those of the paper's reward, whatever the configuration trains on.
 
     Args:
         config: World, robot, lidar, task and reward.
