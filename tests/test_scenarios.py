@@ -108,7 +108,7 @@ def test_the_lengths_that_ship_are_those_of_the_lists(world: WorldConfig, monkey
 
 
 def test_lengths_of_straight_ways() -> None:
-    """To the goal circle, so the goal radius is not part of the way; fast marching errs by 0.3 % at most."""
+    """To the goal circle, so the goal radius is not part of the way; errors stay under 0.3 %."""
     lengths = shortest_lengths([scenario(), scenario(goal=-6.0), scenario(goal_radius=1.0)], 0.25)
     assert lengths == pytest.approx([2.7, 5.7, 2.0], rel=0.003)
 

@@ -6,6 +6,17 @@ from typing import Any, Self, final
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = [
+    "BatchSim",
+    "Scenario",
+    "check_world",
+    "draw_list",
+    "isa",
+    "needs_detour",
+    "read_list",
+    "shortest_path",
+]
+
 class BatchSim:
     def __new__(
         cls,
@@ -111,8 +122,8 @@ class Scenario:
     @property
     def polygons(self) -> list[list[tuple[float, float]]]: ...
     def __hash__(self) -> int: ...
-    def __eq__(self, other: object) -> bool: ...
-    def __ne__(self, other: object) -> bool: ...
+    def __eq__(self, value: object, /) -> bool: ...
+    def __ne__(self, value: object, /) -> bool: ...
     def __reduce__(self) -> tuple[Any, tuple[str]]: ...
 
 def draw_list(config: str, split: str, first: int, count: int, seed: int) -> list[Scenario]:

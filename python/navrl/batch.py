@@ -28,7 +28,7 @@ class BatchSim(_navsim.BatchSim):
     """Many robots, each with a world of its own, stepped together.
 
     Robot k meets the same worlds and the same noise whatever the number of robots and threads. Results are read-only
-    arrays that every call writes in place: copy what you want to keep. Shapes, with bins and beams of the configuration:
+    arrays that every call writes in place: copy what you want to keep. With the bins and beams of the configuration:
 
     * ``observations (num_envs, bins + 4) float32``: bins (m), goal distance (m), goal angle (rad), previous command as
       shares of its limits (equation 2);

@@ -45,7 +45,7 @@ SHIPPED_WORLDS = (
     WorldConfig(name="open8"),
 )
 """Worlds whose lengths ship, for the default robot."""
-METHOD = "fast-marching-1"
+METHOD = "taut string 1"
 """Names how lengths are computed: another name leaves older cached lengths unused."""
 LENGTHS_FOLDER = Path(__file__).parent / "lengths"
 
