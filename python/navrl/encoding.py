@@ -35,7 +35,8 @@ def encode_observations(observations: NDArray[np.float32], encoding: Encoding) -
     """Encodes observations for a network, row by row.
 
     Args:
-        observations: (..., bins + 4) float32: ranges (m), goal distance (m), goal angle (rad), v / v_max, omega / omega_max.
+        observations: (..., bins + 4) float32: ranges (m), goal distance (m), goal angle (rad), v / v_max,
+            omega / omega_max.
         encoding: "inverse" or "raw".
 
     Returns:

@@ -1,9 +1,10 @@
 //! Position and heading in the plane.
 
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 /// Position (m) and heading (rad, counter-clockwise from x) of a frame in its parent frame.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Pose {
     /// Metres along the parent's x axis.
     pub x: f64,

@@ -29,6 +29,22 @@ pub enum Split {
     Test = 3,
     /// The list that is read once, for a published table.
     Final = 4,
+    /// Scenarios that the caller gave.
+    Given = 5,
+}
+
+impl Split {
+    /// The split of that name (`train`, `tuning`, `validation`, `test`, `final`), `None` for another word.
+    pub fn named(name: &str) -> Option<Self> {
+        match name {
+            "train" => Some(Self::Train),
+            "tuning" => Some(Self::Tuning),
+            "validation" => Some(Self::Validation),
+            "test" => Some(Self::Test),
+            "final" => Some(Self::Final),
+            _ => None,
+        }
+    }
 }
 
 const ROUND_MULTIPLIERS: [u32; 2] = [0xD251_1F53, 0xCD9E_8D57];

@@ -1,4 +1,5 @@
 //! What a reset costs: `cargo test --release -p navsim --test reset_cost -- --ignored --nocapture`.
+#![allow(clippy::unwrap_used)]
 
 use navsim::config::WorldConfig;
 use navsim::rng::{Purpose, Split, Stream, StreamName};

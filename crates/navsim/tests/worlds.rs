@@ -1,12 +1,10 @@
 //! Drawn episodes are fair: checked by geometry of the test's own.
-
 #![allow(clippy::unwrap_used)]
-
-use navsim::config::WorldConfig;
+use navsim::config::{CollisionRule, TaskConfig, WorldConfig};
 use navsim::error::Error;
 use navsim::rng::{Purpose, Split, Stream, StreamName};
 use navsim::robot::Footprint;
-use navsim::world::{Generator, Layout, Shape};
+use navsim::world::{Generator, Layout, Scenario, Shape};
 use std::collections::{BinaryHeap, HashSet};
 
 fn world(name: &str, boxes: usize) -> WorldConfig {
@@ -34,6 +32,12 @@ fn from_file(name: &str, text: &str) -> Generator {
 fn draw(generator: &Generator, seed: u64, index: u32, episode: u64, layout: &mut Layout) -> Result<(), Error> {
     let name = StreamName::new(seed, Purpose::World, Split::Train, index, episode);
     generator.draw(&mut Stream::new(name), episode, layout)
+}
+
+fn as_scenario(generator: &Generator, layout: &Layout) -> Scenario {
+    let (collision, sensor_range) = (CollisionRule::Footprint, 0.35);
+    let task = TaskConfig { period: 0.1, time_limit: 50.0, goal_radius: 0.3, collision, sensor_range };
+    generator.scenario(layout.start, layout.goal, &layout.moved, &task)
 }
 
 /// Resets per world: 20,000, or 1,000,000 with NAVRL_FULL=1.
@@ -247,8 +251,8 @@ fn the_name_of_a_stream_decides_everything() {
             draw(&generator, 4, 2, episode + 1000, &mut used).unwrap();
             draw(&generator, 4, 2, episode, &mut used).unwrap();
             draw(&generator, 4, 2, episode, &mut fresh).unwrap();
-            let scenario = generator.scenario(&fresh, 0.3, 50.0);
-            assert_eq!(scenario, generator.scenario(&used, 0.3, 50.0));
+            let scenario = as_scenario(&generator, &fresh);
+            assert_eq!(scenario, as_scenario(&generator, &used));
             scenario.check(&DISC).unwrap();
             for (seed, index, other) in [(5, 2, episode), (4, 3, episode), (4, 2, episode + 1)] {
                 draw(&generator, seed, index, other, &mut used).unwrap();
@@ -301,7 +305,7 @@ fn larger_robots_get_larger_clearances() {
     let mut layout = Layout::default();
     for episode in 0..500 {
         draw(&generator, 0, 0, episode, &mut layout).unwrap();
-        let scenario = generator.scenario(&layout, 0.3, 50.0);
+        let scenario = as_scenario(&generator, &layout);
         let solids: Vec<Solid> = scenario.shapes.iter().map(Solid::new).collect();
         assert!(clearance([layout.start.x, layout.start.y], &solids) >= 0.65 + 0.05);
         assert!(clearance(layout.goal, &solids) >= 0.65 + 0.05);

@@ -6,10 +6,10 @@ use super::obstacles::Obstacles;
 use super::rooms::{Room, WALL_ENDS, WALL_LENGTHS, WALL_STARTS};
 use super::scenario::Scenario;
 use super::shapes::Shape;
-use crate::config::WorldConfig;
+use crate::config::{TaskConfig, WorldConfig};
 use crate::error::{Error, Result};
 use crate::pose::Pose;
-use crate::rng::Stream;
+use crate::rng::{Purpose, Split, Stream, StreamName};
 use crate::robot::Footprint;
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -123,7 +123,21 @@ impl Generator {
     /// `Error::WorldTooFull` after 1,000 draws; `layout` then holds the last, unusable one.
     pub fn draw(&self, stream: &mut Stream, episode: u64, layout: &mut Layout) -> Result<()> {
         let [start, growth, max] = self.goal_range;
-        let range = max.min(start + growth * episode as f64);
+        self.draw_within(stream, max.min(start + growth * episode as f64), layout)
+    }
+
+    /// Draws scenario `index` of an evaluation list, with goals over the full range.
+    ///
+    /// # Errors
+    /// `Error::WorldTooFull` after 1,000 draws.
+    pub fn draw_listed(&self, split: Split, seed: u64, index: u32, task: &TaskConfig) -> Result<Scenario> {
+        let mut stream = Stream::new(StreamName::new(seed, Purpose::World, split, index, 0));
+        let mut layout = Layout::default();
+        self.draw_within(&mut stream, self.goal_range[2], &mut layout)?;
+        Ok(self.scenario(layout.start, layout.goal, &layout.moved, task))
+    }
+
+    fn draw_within(&self, stream: &mut Stream, range: f64, layout: &mut Layout) -> Result<()> {
         let mut last = Miss::Start;
         for _ in 0..TRIES {
             match self.attempt(stream, range, layout) {
@@ -134,10 +148,12 @@ impl Generator {
         Err(self.too_full(last))
     }
 
-    /// The draw as a value that can be stored and replayed: all shapes, static ones first.
-    pub fn scenario(&self, layout: &Layout, goal_radius: f64, time_limit: f64) -> Scenario {
-        let shapes = self.room.shapes.iter().chain(&layout.moved).cloned().collect();
-        Scenario { start: layout.start, goal: layout.goal, goal_radius, time_limit, shapes, shortest: None }
+    /// A draw as a value that can be stored and replayed: static and moved shapes, in the order of the file format.
+    pub fn scenario(&self, start: Pose, goal: [f64; 2], moved: &[Shape], task: &TaskConfig) -> Scenario {
+        let mut shapes: Vec<Shape> = self.room.shapes.iter().chain(moved).cloned().collect();
+        shapes.sort_by_key(Shape::kind);
+        let TaskConfig { goal_radius, time_limit, .. } = *task;
+        Scenario { start, goal, goal_radius, time_limit, shapes, shortest: None }
     }
 
     fn attempt(&self, stream: &mut Stream, range: f64, layout: &mut Layout) -> std::result::Result<(), Miss> {

@@ -15,7 +15,6 @@ pub mod shapes;
 pub use file::{RandomBoxes, WorldFile};
 pub use generator::{Generator, Layout};
 pub use obstacles::Obstacles;
-pub(crate) use obstacles::{isometry, vector};
 pub(crate) use outline::{Edge, Outline};
 pub use scenario::{Scenario, ScenarioList, read_list};
 pub use shapes::Shape;

@@ -2,9 +2,9 @@
 
 use super::shapes::{Shape, box_corners};
 
-/// What the edge from one corner slot to the next is.
+/// What the edge from one corner slot to the next is; as wide as the coordinates, so that loops over both vectorise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u8)]
+#[repr(u32)]
 pub(crate) enum Edge {
     /// No edge: the next slot belongs to another shape.
     None = 0,

@@ -56,7 +56,7 @@ impl Scenario {
             shortest: object.get("shortest").map(|v| number("shortest", v, "a number >= 0")).transpose()?,
             shapes: object.shapes()?,
         };
-        scenario.check_ranges()?;
+        scenario.validate()?;
         Ok(scenario)
     }
 
@@ -82,7 +82,10 @@ impl Scenario {
     }
 
     /// Checks every number, without regard to a robot.
-    fn check_ranges(&self) -> Result<()> {
+    ///
+    /// # Errors
+    /// `Error::Scenario` or `Error::Shape` with the first number that is out of range.
+    pub fn validate(&self) -> Result<()> {
         let refuse = |key: &str, value: f64, expected: String| {
             Err(Error::Scenario(format!("{key} = {value}: expected {expected}")))
         };
@@ -113,18 +116,11 @@ impl Scenario {
     /// # Errors
     /// `Error::Scenario` or `Error::Shape` with the clearance or the number that is at fault.
     pub fn check(&self, footprint: &Footprint) -> Result<()> {
-        self.check_ranges()?;
+        self.validate()?;
         let solids = Solids::new(&self.shapes);
+        self.check_start(footprint, &solids)?;
         let (inner, outer) = (inscribed_radius(footprint), footprint.circumscribed_radius());
         let start = [self.start.x, self.start.y];
-        let clearance = clearance(&solids, footprint, &self.start);
-        if clearance < CONTACT {
-            return Err(Error::Scenario(format!(
-                "start [{}, {}, {}] is in contact: the footprint's clearance is {clearance:.4} m, expected at least \
-                 {CONTACT} m",
-                self.start.x, self.start.y, self.start.yaw
-            )));
-        }
         let standing_room = solids.distance(self.goal);
         if standing_room < inner {
             return Err(Error::Scenario(format!(
@@ -137,6 +133,18 @@ impl Scenario {
             return Err(Error::Scenario(format!(
                 "goal [{}, {}] is unreachable from [{}, {}] for a robot of radius {inner:.4} m",
                 self.goal[0], self.goal[1], start[0], start[1]
+            )));
+        }
+        Ok(())
+    }
+
+    fn check_start(&self, footprint: &Footprint, solids: &Solids) -> Result<()> {
+        let clearance = clearance(solids, footprint, &self.start);
+        if clearance < CONTACT {
+            return Err(Error::Scenario(format!(
+                "start [{}, {}, {}] is in contact: the footprint's clearance is {clearance:.4} m, expected at least \
+                 {CONTACT} m",
+                self.start.x, self.start.y, self.start.yaw
             )));
         }
         Ok(())

@@ -1,6 +1,7 @@
 //! What a planar world is made of, as a user writes it: plain numbers in metres and radians.
 
 use crate::error::{Error, Result};
+use serde::{Deserialize, Serialize};
 
 /// Largest coordinate (m) of a shape: beyond it single precision no longer resolves 0.1 mm.
 pub const COORDINATE_MAX: f64 = 1000.0;
@@ -8,7 +9,7 @@ pub const COORDINATE_MAX: f64 = 1000.0;
 pub const POLYGON_CORNERS_MAX: usize = 64;
 
 /// One obstacle. Circles, boxes and polygons are solid.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Shape {
     /// A disc.
     Circle {
@@ -110,6 +111,16 @@ impl Shape {
                 }
                 Err(Error::Shape("polygon: its corners are not those of a convex polygon in order".into()))
             }
+        }
+    }
+
+    /// Place of the shape's kind in the file format: circles, boxes, segments, polygons.
+    pub fn kind(&self) -> u8 {
+        match self {
+            Shape::Circle { .. } => 0,
+            Shape::Box { .. } => 1,
+            Shape::Segment { .. } => 2,
+            Shape::Polygon { .. } => 3,
         }
     }
 

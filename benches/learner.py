@@ -1,0 +1,138 @@
+"""Times the learner's updates beside stable-baselines3's in one run.
+
+    OMP_NUM_THREADS=1 python benches/learner.py [--seconds S] [--slices K]
+
+Both learn with twin critics on one thread from 100,000 made-up rows of 26 inputs, sampling included. Slices of the two
+alternate, so that whatever else the machine does meets both; the ratio is taken slice by slice.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import platform
+import sys
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from navrl.config import Config, LearnerConfig, NetworksConfig
+from navrl.replay import Replay, row_width
+from navrl.td3 import TD3
+
+INPUTS, ROWS = 26, 100_000
+PEER = "stable-baselines3"
+
+
+class Variant(NamedTuple):
+    """Sizes to time."""
+
+    hidden_sizes: tuple[int, ...]
+    batch_size: int
+    policy_delay: int = 2
+
+    def __str__(self) -> str:
+        """The sizes as a table shows them."""
+        return f"{'-'.join(map(str, self.hidden_sizes))}, batch {self.batch_size}, delay {self.policy_delay}"
+
+
+VARIANTS = (
+    Variant((800, 600), 40),
+    Variant((256, 256), 40),
+    Variant((128, 128), 256),
+    Variant((64, 64), 40),
+    Variant((128, 128), 96, 3),
+)
+"""Four that published comparisons use, and the defaults."""
+
+
+def navrl_updates(variant: Variant) -> Callable[[int], object]:
+    """Updates of this package with its default options (mirror, penalty): call with their number."""
+    learner = LearnerConfig(batch_size=variant.batch_size, policy_delay=variant.policy_delay)
+    config = Config(networks=NetworksConfig(hidden_sizes=variant.hidden_sizes), learner=learner)
+    replay = Replay(ROWS, row_width(INPUTS))
+    rows = np.random.default_rng(0).normal(0.0, 0.3, (ROWS, replay.width)).astype(np.float32)
+    rows[:, -1] = learner.gamma**learner.n_step
+    replay.add(rows)
+    return TD3(config, replay).update
+
+
+def peer_updates(variant: Variant) -> Callable[[int], object]:
+    """Updates of stable-baselines3's TD3 with the same sizes: call with their number."""
+    import gymnasium
+    from stable_baselines3 import TD3 as PeerTD3
+    from stable_baselines3.common.logger import Logger
+
+    class Spaces(gymnasium.Env[np.ndarray, np.ndarray]):
+        """An environment that is never stepped."""
+
+        observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (INPUTS,), np.float32)
+        action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
+
+    model = PeerTD3(
+        "MlpPolicy",
+        Spaces(),
+        batch_size=variant.batch_size,
+        buffer_size=ROWS,
+        policy_delay=variant.policy_delay,
+        policy_kwargs={"net_arch": list(variant.hidden_sizes)},
+        device="cpu",
+        seed=0,
+    )
+    model.set_logger(Logger(None, []))
+    buffer, generator = model.replay_buffer, np.random.default_rng(0)
+    for array in (buffer.observations, buffer.next_observations, buffer.actions, buffer.rewards):
+        array[:] = generator.normal(0.0, 0.3, array.shape)
+    buffer.full = True
+    return lambda count: model.train(gradient_steps=count, batch_size=variant.batch_size)
+
+
+def rate(updates: Callable[[int], object], seconds: float) -> float:
+    """Updates per second over about `seconds`, in calls of 5 as training makes them."""
+    count, start = 0, time.perf_counter()
+    while (elapsed := time.perf_counter() - start) < seconds:
+        updates(5)
+        count += 5
+    return count / elapsed
+
+
+def measure(variant: Variant, *, peer: bool, slices: int, seconds: float) -> None:
+    """Prints one line: min / median / max updates per second of both, and of the ratio."""
+    contenders = [navrl_updates(variant)] + ([peer_updates(variant)] if peer else [])
+    for updates in contenders:
+        updates(20)
+    rates = np.array([[rate(updates, seconds) for updates in contenders] for _ in range(slices)])
+    columns = [*rates.T, *([rates[:, 0] / rates[:, 1]] if peer else [])]
+    names = ["navrl", PEER, "ratio"]
+    texts = [f"{name} {_spread(column)}" for name, column in zip(names, columns, strict=False)]
+    print(f"{variant!s:34s} {'   '.join(texts)}", flush=True)
+
+
+def _spread(numbers: np.ndarray) -> str:
+    """Min / median / max."""
+    digits = 2 if numbers.max() < 100 else 0
+    return " / ".join(f"{n:.{digits}f}" for n in (numbers.min(), np.median(numbers), numbers.max()))
+
+
+def main() -> int:
+    """Times all variants."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=0.5, help="length of a slice")
+    parser.add_argument("--slices", type=int, default=11, help="slices of each contender")
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    peer = importlib.util.find_spec("stable_baselines3") is not None
+    if not peer:
+        print(f"{PEER} is missing; to measure beside it: pip install {PEER}", file=sys.stderr)
+    machine = platform.processor() or platform.machine()
+    print(f"updates per second, min / median / max; torch {torch.__version__}, {machine}, 1 thread")
+    for variant in VARIANTS:
+        measure(variant, peer=peer, slices=options.slices, seconds=options.seconds)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,278 @@
+//! Many robots at once: arrays in, arrays out, and the only threads of the crate.
+
+use crate::config::SimConfig;
+use crate::error::{Error, Result};
+use crate::results::{Results, Rows, Widths};
+use crate::task::{Episode, ObservationRow, Outcome, Task, Workspace};
+use crate::world::Scenario;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use serde::{Deserialize, Serialize};
+
+/// Largest number of robots and threads: streams are named by a 32-bit index, and threads by common sense.
+const ROBOTS_MAX: usize = 1 << 20;
+const THREADS_MAX: usize = 256;
+
+/// A batch of robots, each with a world of its own, stepped together.
+///
+/// Robot k meets the same worlds and noise whatever the size of the batch and the number of threads.
+#[derive(Debug)]
+pub struct BatchSim {
+    task: Task,
+    autoreset: bool,
+    episodes: Vec<Episode>,
+    results: Results,
+    workspaces: Vec<Workspace>,
+    pool: Option<ThreadPool>,
+    process: u32,
+}
+
+/// What distinguishes a simulator in the middle of its work from a new one.
+#[derive(Serialize, Deserialize)]
+struct State {
+    version: u32,
+    episodes: Vec<Episode>,
+    results: Results,
+}
+
+const STATE_VERSION: u32 = 1;
+
+/// What is done to a range of robots.
+#[derive(Clone, Copy)]
+enum Work<'a> {
+    Step(&'a [f32]),
+    Reset(Option<&'a [bool]>),
+    Begin,
+}
+
+impl BatchSim {
+    /// A simulator of `num_envs` robots that have begun their episode 0, stepped by `num_threads` threads.
+    /// With `scenarios`, robot k runs scenario k (modulo their number).
+    ///
+    /// With `autoreset` a step that ends an episode begins the next one in the same call.
+    ///
+    /// # Errors
+    /// A setting, number of robots or number of threads out of range; a world too full; threads that do not start.
+    pub fn new(
+        config: SimConfig,
+        num_envs: usize,
+        seed: u64,
+        num_threads: usize,
+        autoreset: bool,
+        scenarios: Option<Vec<Scenario>>,
+    ) -> Result<Self> {
+        within("num_envs", num_envs, ROBOTS_MAX)?;
+        within("num_threads", num_threads, THREADS_MAX)?;
+        let task = Task::new(config, scenarios, seed)?;
+        let widths = Widths { observation: task.observation_size(), beams: task.lidar().beams() };
+        let mut simulator = Self {
+            autoreset,
+            episodes: vec![Episode::default(); num_envs],
+            results: Results::new(num_envs, widths),
+            workspaces: (0..num_threads).map(|_| task.workspace()).collect(),
+            pool: start_pool(num_threads)?,
+            process: std::process::id(),
+            task,
+        };
+        simulator.run(Work::Begin)?;
+        Ok(simulator)
+    }
+
+    /// Number of robots.
+    pub fn num_envs(&self) -> usize {
+        self.episodes.len()
+    }
+
+    /// Numbers of an observation: bins + 4.
+    pub fn observation_size(&self) -> usize {
+        self.task.observation_size()
+    }
+
+    /// The configuration.
+    pub fn config(&self) -> &SimConfig {
+        self.task.config()
+    }
+
+    /// Results of the last call, written in place.
+    pub fn results(&self) -> &Results {
+        &self.results
+    }
+
+    /// What `robot` meets in its present episode.
+    pub fn scenario(&self, robot: usize) -> Option<Scenario> {
+        self.episodes.get(robot).map(|episode| self.task.scenario(robot, episode))
+    }
+
+    /// Begins the next episode of all robots, or of those whose `mask` is true.
+    ///
+    /// # Errors
+    /// A mask of another length; a world too full (the simulator is then of no more use).
+    pub fn reset(&mut self, mask: Option<&[bool]>) -> Result<()> {
+        if let Some(mask) = mask {
+            expect_length("mask", self.num_envs(), mask.len())?;
+        }
+        self.run(Work::Reset(mask))
+    }
+
+    /// Drives every robot for one control period; `actions` holds (a1, a2) of each robot, clipped to [-1, 1].
+    ///
+    /// Without autoreset a finished robot stays as it is, with reward 0, until `reset`.
+    ///
+    /// # Errors
+    /// Wrong length, NaN or infinity: nothing has moved then. A world too full: the simulator is of no more use.
+    pub fn step(&mut self, actions: &[f32]) -> Result<()> {
+        expect_length("actions", 2 * self.num_envs(), actions.len())?;
+        if let Some(i) = actions.iter().position(|a| !a.is_finite()) {
+            return Err(Error::NotFinite { name: "actions", value: actions[i], robot: i / 2 });
+        }
+        self.run(Work::Step(actions))
+    }
+
+    /// Everything that the future depends on, besides what `new` was given.
+    ///
+    /// # Errors
+    /// A number that JSON cannot hold (none should ever arise).
+    pub fn state(&self) -> Result<Vec<u8>> {
+        let state = State { version: STATE_VERSION, episodes: self.episodes.clone(), results: self.results.clone() };
+        serde_json::to_vec(&state).map_err(|e| Error::Parse(format!("simulator state: {e}")))
+    }
+
+    /// Continues bit for bit where `state` was taken, from a simulator made with the same arguments.
+    ///
+    /// # Errors
+    /// Bytes that are no state, or the state of another number of robots, bins or beams: nothing has changed then.
+    pub fn restore(&mut self, state: &[u8]) -> Result<()> {
+        let state: State = serde_json::from_slice(state).map_err(|e| Error::Parse(format!("simulator state: {e}")))?;
+        if state.version != STATE_VERSION {
+            return Err(Error::Parse(format!(
+                "simulator state: expected version {STATE_VERSION}, got {}",
+                state.version
+            )));
+        }
+        expect_length("simulator state", self.num_envs(), state.episodes.len())?;
+        self.results.check_same_shape(&state.results)?;
+        self.results.copy_from(&state.results);
+        self.episodes = state.episodes;
+        self.episodes.iter_mut().for_each(Episode::prepare_moved);
+        Ok(())
+    }
+
+    /// Splits the robots into one contiguous part for each thread.
+    fn run(&mut self, work: Work) -> Result<()> {
+        let Self { task, autoreset, episodes, results, workspaces, pool, process } = self;
+        let part = Part { task, autoreset: *autoreset, work, first: 0, episodes, rows: results.rows() };
+        match pool {
+            None => part.run(&mut workspaces[0]),
+            Some(pool) => {
+                let current = std::process::id();
+                if current != *process {
+                    return Err(Error::Forked { created: *process, current });
+                }
+                pool.install(|| part.split(workspaces))
+            }
+        }
+    }
+}
+
+/// A contiguous range of robots and what is done to them.
+struct Part<'a> {
+    task: &'a Task,
+    autoreset: bool,
+    work: Work<'a>,
+    first: usize,
+    episodes: &'a mut [Episode],
+    rows: Rows<'a>,
+}
+
+impl Part<'_> {
+    /// Halves the part until there is one for each workspace, and runs them side by side.
+    fn split(self, workspaces: &mut [Workspace]) -> Result<()> {
+        let threads = workspaces.len().min(self.episodes.len());
+        if threads <= 1 {
+            return self.run(&mut workspaces[0]);
+        }
+        let Self { task, autoreset, work, first, episodes, rows } = self;
+        let here = episodes.len() * (threads / 2) / threads;
+        let (left_episodes, right_episodes) = episodes.split_at_mut(here);
+        let (left_rows, right_rows) = rows.split_at(here);
+        let (left_workspaces, right_workspaces) = workspaces[..threads].split_at_mut(threads / 2);
+        let left = Part { task, autoreset, work, first, episodes: left_episodes, rows: left_rows };
+        let right = Part { task, autoreset, work, first: first + here, episodes: right_episodes, rows: right_rows };
+        let (left, right) = rayon::join(|| left.split(left_workspaces), || right.split(right_workspaces));
+        left.and(right)
+    }
+
+    fn run(mut self, workspace: &mut Workspace) -> Result<()> {
+        for i in 0..self.episodes.len() {
+            let robot = self.first + i;
+            match self.work {
+                Work::Begin => self.begin(i, 0, workspace)?,
+                Work::Reset(mask) => {
+                    if mask.is_none_or(|mask| mask[robot]) {
+                        self.begin(i, self.episodes[i].index + 1, workspace)?;
+                    }
+                }
+                Work::Step(actions) => self.step(i, [actions[2 * robot], actions[2 * robot + 1]], workspace)?,
+            }
+        }
+        Ok(())
+    }
+
+    /// Begins an episode and clears what the last step of the one before left.
+    fn begin(&mut self, i: usize, index: u64, workspace: &mut Workspace) -> Result<()> {
+        self.begin_quietly(i, index, workspace)?;
+        let outcome = self.episodes[i].outcome;
+        self.rows.write_step(i, 0.0, outcome);
+        self.rows.write_statistics(i, &self.episodes[i]);
+        self.rows.copy_to_final(i);
+        Ok(())
+    }
+
+    /// Begins an episode and leaves reward, flags, statistics and final observation as they are.
+    fn begin_quietly(&mut self, i: usize, index: u64, workspace: &mut Workspace) -> Result<()> {
+        let episode = &mut self.episodes[i];
+        let (observation, ranges) = self.rows.observation(i);
+        self.task.begin(self.first + i, index, episode, workspace, &mut ObservationRow { observation, ranges })?;
+        self.rows.write_situation(i, episode);
+        Ok(())
+    }
+
+    fn step(&mut self, i: usize, action: [f32; 2], workspace: &mut Workspace) -> Result<()> {
+        let episode = &mut self.episodes[i];
+        if episode.outcome != Outcome::Running {
+            self.rows.rewards[i] = 0.0;
+            return Ok(());
+        }
+        let (observation, ranges) = self.rows.observation(i);
+        let mut row = ObservationRow { observation, ranges };
+        let reward = self.task.step(self.first + i, episode, action, workspace, &mut row);
+        let (index, outcome) = (episode.index, episode.outcome);
+        self.rows.write_step(i, reward, outcome);
+        self.rows.write_statistics(i, episode);
+        self.rows.write_situation(i, episode);
+        self.rows.copy_to_final(i);
+        if outcome != Outcome::Running && self.autoreset {
+            self.begin_quietly(i, index + 1, workspace)?;
+        }
+        Ok(())
+    }
+}
+
+fn start_pool(threads: usize) -> Result<Option<ThreadPool>> {
+    if threads == 1 {
+        return Ok(None);
+    }
+    // The calling thread waits while the pool works: never rayon's global pool, on which a forked child would hang.
+    let pool = ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("navsim-{i}")).build();
+    pool.map(Some).map_err(|e| Error::Threads { threads, reason: e.to_string() })
+}
+
+fn within(key: &'static str, value: usize, max: usize) -> Result<()> {
+    if (1..=max).contains(&value) {
+        return Ok(());
+    }
+    Err(Error::Setting { key, value: value.to_string(), expected: format!("1 to {max}") })
+}
+
+fn expect_length(name: &'static str, expected: usize, got: usize) -> Result<()> {
+    if expected == got { Ok(()) } else { Err(Error::Length { name, expected, got }) }
+}

@@ -1,0 +1,73 @@
+//! Pooling of beams into bins by minimum.
+
+/// Which beams belong to which bin: bin k holds the beams whose angle falls into the k-th of equal parts of the field
+/// of view, right to left. A beam exactly on a border belongs to the bin on its left.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Bins {
+    /// Beams `starts[k] .. starts[k + 1]` belong to bin k.
+    starts: Vec<usize>,
+}
+
+impl Bins {
+    /// `bins` equal parts for `beams` beams; `1 <= bins <= beams` leaves no bin empty.
+    pub fn new(beams: usize, bins: usize) -> Self {
+        // Beam i stands at the fraction (2i + 1) / (2 beams) of the field of view: the first beam of bin k is the
+        // smallest i with (2i + 1) bins >= 2 k beams.
+        let first = |k: usize| (2 * k * beams).div_ceil(bins) / 2;
+        Self { starts: (0..=bins).map(first).collect() }
+    }
+
+    /// Number of bins.
+    pub fn len(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// Whether there is no bin: never, bins are at least one.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Writes the smallest range (m) of each bin to `pooled`, which has one place per bin.
+    pub fn pool(&self, ranges: &[f32], pooled: &mut [f32]) {
+        for (window, nearest) in self.starts.windows(2).zip(pooled) {
+            let smaller = |a: f32, b: &f32| if *b < a { *b } else { a };
+            *nearest = ranges[window[0]..window[1]].iter().fold(f32::INFINITY, smaller);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nine_beams_to_a_bin_for_180_beams_and_20_bins() {
+        let bins = Bins::new(180, 20);
+        assert_eq!(bins.starts, (0..=20).map(|k| 9 * k).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn every_beam_is_in_the_bin_of_its_angle() {
+        for beams in 1..=97 {
+            for count in 1..=beams {
+                let bins = Bins::new(beams, count);
+                assert_eq!((bins.starts[0], bins.starts[count]), (0, beams));
+                for k in 0..count {
+                    assert!(bins.starts[k] < bins.starts[k + 1], "{beams} beams, {count} bins: bin {k} is empty");
+                    for beam in bins.starts[k]..bins.starts[k + 1] {
+                        // floor of the beam's fraction of the field of view times the number of bins, in integers
+                        assert_eq!((2 * beam + 1) * count / (2 * beams), k);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_bin_holds_its_nearest_beam() {
+        let mut pooled = [0.0; 2];
+        Bins::new(5, 2).pool(&[3.0, 2.0, 9.0, 1.0, 4.0], &mut pooled);
+        // Beam 2 looks exactly along the border between the bins: it belongs to the left one.
+        assert_eq!(pooled, [2.0, 1.0]);
+    }
+}

@@ -1,0 +1,152 @@
+//! The lidar: from obstacles and pose to ranges, noise and bins.
+
+mod bins;
+mod fan;
+mod isa;
+mod noise;
+mod raster;
+
+pub use bins::Bins;
+pub use fan::beam_angle;
+pub use isa::Isa;
+
+use crate::config::{Caster, LidarConfig};
+use crate::pose::Pose;
+use crate::rng::StreamName;
+use crate::world::Obstacles;
+use fan::Fan;
+use noise::Noise;
+use raster::View;
+
+/// A planar lidar on a robot. Ranges are metres from the lidar's own origin.
+#[derive(Debug, Clone)]
+pub struct Lidar {
+    fan: Fan,
+    bins: Bins,
+    mount: Pose,
+    range_min: f32,
+    range_max: f32,
+    sigma: f32,
+    caster: Caster,
+    isa: Isa,
+    noise_blocks: u32,
+}
+
+/// Working memory of a scan; one for each thread.
+#[derive(Debug, Clone)]
+pub struct ScanBuffer {
+    raster: raster::Scratch,
+    ranges: Vec<f32>,
+}
+
+/// What the lidar has around it at one moment.
+#[derive(Debug, Clone, Copy)]
+pub struct Surroundings<'a> {
+    /// Static and moved obstacles.
+    pub obstacles: [&'a Obstacles; 2],
+    /// Pose of the robot in the world.
+    pub world_from_robot: Pose,
+    /// Distance (m) from the robot's centre to the nearest obstacle, or less: tells at no cost that the lidar is not
+    /// inside a solid.
+    pub center_distance: f32,
+}
+
+/// Which random numbers the noise of a scan takes.
+#[derive(Debug, Clone, Copy)]
+pub struct NoiseName {
+    /// Stream of the episode.
+    pub stream: StreamName,
+    /// Scans made before in this episode.
+    pub scan: u32,
+}
+
+impl Lidar {
+    /// The lidar of a configuration that has passed `SimConfig::validate`, on the best instruction set of the machine.
+    pub fn new(config: &LidarConfig) -> Self {
+        Self::with_isa(config, Isa::current())
+    }
+
+    /// As `new`, on the instruction set `isa` (or the machine's best, if that is lower).
+    pub fn with_isa(config: &LidarConfig, isa: Isa) -> Self {
+        let [x, y, yaw] = config.mount;
+        Self {
+            fan: Fan::new(config),
+            bins: Bins::new(config.beams, config.bins),
+            mount: Pose { x, y, yaw },
+            range_min: config.range_min as f32,
+            range_max: config.range_max as f32,
+            sigma: config.noise as f32,
+            caster: config.caster,
+            isa,
+            noise_blocks: noise::blocks_per_scan(config.beams),
+        }
+    }
+
+    /// Memory for scans of this lidar.
+    pub fn buffer(&self) -> ScanBuffer {
+        ScanBuffer { raster: raster::Scratch::default(), ranges: vec![0.0; self.fan.padded()] }
+    }
+
+    /// Number of beams.
+    pub fn beams(&self) -> usize {
+        self.fan.beams
+    }
+
+    /// The groups into which beams are pooled.
+    pub fn bins(&self) -> &Bins {
+        &self.bins
+    }
+
+    /// Computes one scan: exact ranges, then noise on hits, clipped to [range_min, range_max]. A beam that meets
+    /// nothing reports exactly range_max; a lidar inside a solid sees 0 everywhere, before noise and clipping.
+    ///
+    /// The result (m, one per beam) stays in the buffer and is returned.
+    pub fn scan<'b>(&self, around: &Surroundings, noise: &NoiseName, buffer: &'b mut ScanBuffer) -> &'b [f32] {
+        self.cast(around, buffer);
+        let ranges = &mut buffer.ranges[..];
+        if self.sigma > 0.0 {
+            let Self { sigma, range_min, range_max, .. } = *self;
+            let first_block = noise.scan.wrapping_mul(self.noise_blocks);
+            isa::add_noise(self.isa, &Noise { stream: noise.stream, sigma, range_min, range_max }, first_block, ranges);
+        } else {
+            for range in ranges.iter_mut() {
+                *range = if *range < self.range_min { self.range_min } else { *range };
+            }
+        }
+        &buffer.ranges[..self.fan.beams]
+    }
+
+    /// Exact ranges without noise or lower bound.
+    fn cast(&self, around: &Surroundings, buffer: &mut ScanBuffer) {
+        let world_from_lidar = self.world_from_lidar(&around.world_from_robot);
+        let (sin, cos) = libm::sincos(world_from_lidar.yaw);
+        let view =
+            View { x: world_from_lidar.x as f32, y: world_from_lidar.y as f32, cos: cos as f32, sin: sin as f32 };
+        let offset = libm::hypot(self.mount.x, self.mount.y) as f32;
+        let origin = [world_from_lidar.x, world_from_lidar.y];
+        let inside = around.center_distance <= offset && around.obstacles.iter().any(|o| o.contains(origin));
+        if inside {
+            buffer.ranges.fill(0.0);
+        } else if self.caster == Caster::Parry {
+            self.cast_by_parry(around, &view, &mut buffer.ranges);
+        } else {
+            let outlines = around.obstacles.map(Obstacles::outline);
+            isa::scan(self.isa, outlines, view, &self.fan, self.range_max, &mut buffer.raster, &mut buffer.ranges);
+        }
+    }
+
+    fn world_from_lidar(&self, world_from_robot: &Pose) -> Pose {
+        if self.mount == Pose::default() { *world_from_robot } else { world_from_robot.compose(&self.mount) }
+    }
+
+    fn cast_by_parry(&self, around: &Surroundings, view: &View, ranges: &mut [f32]) {
+        for (i, range) in ranges.iter_mut().enumerate() {
+            let (cos, sin) = (self.fan.cos[i], self.fan.sin[i]);
+            let direction = [view.cos * cos - view.sin * sin, view.sin * cos + view.cos * sin];
+            *range = around
+                .obstacles
+                .iter()
+                .fold(self.range_max, |nearest, obstacles| obstacles.cast_ray([view.x, view.y], direction, nearest));
+        }
+    }
+}

@@ -1,0 +1,241 @@
+//! The batch: contract of reset and step, and the same bits for any number of threads and robots.
+#![allow(clippy::unwrap_used)]
+
+use navsim::config::*;
+use navsim::rng::{Purpose, Split, Stream, StreamName};
+use navsim::world::Shape;
+use navsim::{BatchSim, Error, Scenario};
+
+fn config(world: &str) -> SimConfig {
+    SimConfig {
+        world: WorldConfig {
+            name: world.into(),
+            boxes: 8,
+            random_yaw: true,
+            goal_range_start: 10.0,
+            goal_range_growth: 0.004,
+            goal_range_max: 10.0,
+        },
+        robot: RobotConfig {
+            footprint: FootprintKind::Disc,
+            radius: 0.25,
+            length: 0.5,
+            width: 0.4,
+            v_max: 0.5,
+            omega_max: 1.0,
+            acceleration_max: 0.0,
+            angular_acceleration_max: 0.0,
+        },
+        lidar: LidarConfig {
+            beams: 180,
+            fov: std::f64::consts::PI,
+            range_min: 0.0,
+            range_max: 10.0,
+            noise: 0.008,
+            mount: [0.0; 3],
+            bins: 20,
+            caster: Caster::Auto,
+        },
+        task: TaskConfig {
+            period: 0.1,
+            time_limit: 50.0,
+            goal_radius: 0.3,
+            collision: CollisionRule::Footprint,
+            sensor_range: 0.35,
+        },
+        reward: RewardConfig { goal: 100.0, collision: -445.0, form: RewardForm::Paper, progress: 35.0 },
+    }
+}
+
+/// Actions that robot `k` takes at step `t`, the same whatever the batch.
+fn actions(robots: usize, t: u32) -> Vec<f32> {
+    let action = |k: usize| {
+        let mut random = Stream::new(StreamName::new(5, Purpose::World, Split::Given, k as u32, u64::from(t)));
+        [random.uniform(-0.2, 1.0) as f32, random.uniform(-1.0, 1.0) as f32]
+    };
+    (0..robots).flat_map(action).collect()
+}
+
+/// FNV-1a over the bits of everything that the first `robots` robots see and get.
+fn digest(sim: &BatchSim, robots: usize, mut hash: u64) -> u64 {
+    let mut add = |bits: u64| hash = (hash ^ bits).wrapping_mul(0x0000_0100_0000_01b3);
+    let results = sim.results();
+    let (width, beams) = (sim.observation_size(), sim.config().lidar.beams);
+    results.observations[..robots * width].iter().for_each(|v| add(u64::from(v.to_bits())));
+    results.final_observations[..robots * width].iter().for_each(|v| add(u64::from(v.to_bits())));
+    results.ranges[..robots * beams].iter().for_each(|v| add(u64::from(v.to_bits())));
+    results.rewards[..robots].iter().for_each(|v| add(u64::from(v.to_bits())));
+    results.outcome[..robots].iter().for_each(|v| add(u64::from(*v)));
+    results.poses[..3 * robots].iter().for_each(|v| add(v.to_bits()));
+    results.episode_returns[..robots].iter().for_each(|v| add(v.to_bits()));
+    hash
+}
+
+fn run(world: &str, robots: usize, threads: usize, steps: u32) -> u64 {
+    let mut sim = BatchSim::new(config(world), robots, 3, threads, true, None).unwrap();
+    (0..steps).fold(digest(&sim, 3, 0), |hash, t| {
+        sim.step(&actions(robots, t)).unwrap();
+        digest(&sim, 3, hash)
+    })
+}
+
+#[test]
+fn the_same_bits_for_any_number_of_threads_and_robots() {
+    for world in ["td3", "boxes", "open8"] {
+        let alone = run(world, 3, 1, 700);
+        for (robots, threads) in [(3, 2), (3, 16), (64, 1), (64, 3), (65, 2)] {
+            assert_eq!(alone, run(world, robots, threads, 700), "{world}, {robots} robots, {threads} threads");
+        }
+    }
+}
+
+fn corridor(goal_x: f64, time_limit: f64) -> Scenario {
+    let line = format!(
+        r#"{{"start":[0,0,0],"goal":[{goal_x},0],"goal_radius":0.3,"time_limit":{time_limit},"segments":[[-1,-1,9,-1],[9,-1,9,1],[9,1,-1,1],[-1,1,-1,-1]]}}"#
+    );
+    Scenario::from_json(&line).unwrap()
+}
+
+fn quiet() -> SimConfig {
+    let mut config = config("td3");
+    config.lidar.noise = 0.0;
+    config
+}
+
+const FORWARD: [f32; 2] = [1.0, 0.0];
+
+#[test]
+fn a_drive_to_the_goal_step_by_step() {
+    // 1.02 m to the goal at 0.05 m a step: under 0.3 m for the first time after step 15 (0.27 m left).
+    let mut sim = BatchSim::new(quiet(), 1, 0, 1, false, Some(vec![corridor(1.02, 50.0)])).unwrap();
+    for step in 1..=15 {
+        sim.step(&FORWARD).unwrap();
+        let r = sim.results();
+        assert_eq!(r.terminated[0], step == 15, "step {step}");
+        // Progress 35 x 0.05 on top of 0.5 - 0, or of the goal's 100; walls at 1 m give no repulsion.
+        let expected = if step == 15 { 101.75 } else { 2.25 };
+        assert!((r.rewards[0] - expected).abs() < 1e-4, "step {step}: {}", r.rewards[0]);
+    }
+    let r = sim.results().clone();
+    assert_eq!((r.outcome[0], r.truncated[0], r.episode_steps[0]), (1, false, 15));
+    assert!((r.episode_returns[0] - (14.0 * 0.5 + 100.0)).abs() < 1e-9);
+    assert!((r.episode_path[0] - 0.75).abs() < 1e-9 && (r.episode_clearance[0] - 0.75).abs() < 1e-6);
+    assert!((r.observations[20] - 0.27).abs() < 1e-6);
+    assert_eq!(r.observations[21..], [0.0_f32, 1.0, 0.0]);
+    // Frozen: reward 0, all else unchanged, until a reset with its mask set.
+    sim.step(&FORWARD).unwrap();
+    assert_eq!(sim.results().rewards[0], 0.0);
+    let frozen = navsim::Results { rewards: r.rewards.clone(), ..sim.results().clone() };
+    assert_eq!(frozen, r);
+    sim.reset(Some(&[false])).unwrap();
+    assert_eq!(sim.results().outcome[0], 1);
+    sim.reset(Some(&[true])).unwrap();
+    let r = sim.results();
+    assert_eq!((r.outcome[0], r.terminated[0], r.episodes[0], r.episode_steps[0]), (0, false, 1, 0));
+    assert_eq!(r.observations[20..], [1.02_f32, 0.0, 0.0, 0.0]);
+    assert_eq!(r.observations, r.final_observations);
+}
+
+#[test]
+fn the_goal_counts_on_the_last_step_and_the_time_limit_after_it() {
+    for (time_limit, outcome) in [(1.5, 1), (1.4, 3)] {
+        let mut sim = BatchSim::new(quiet(), 1, 0, 1, false, Some(vec![corridor(1.02, time_limit)])).unwrap();
+        while sim.results().outcome[0] == 0 {
+            sim.step(&FORWARD).unwrap();
+        }
+        let r = sim.results();
+        assert_eq!((r.outcome[0], r.terminated[0], r.truncated[0]), (outcome, outcome == 1, outcome == 3));
+    }
+}
+
+#[test]
+fn a_collision_ends_the_step_at_contact() {
+    let mut scenario = corridor(8.0, 50.0);
+    scenario.shapes.push(Shape::Segment { a: [0.57, -1.0], b: [0.57, 1.0] });
+    let mut sim = BatchSim::new(quiet(), 1, 0, 1, false, Some(vec![scenario])).unwrap();
+    for _ in 0..7 {
+        sim.step(&FORWARD).unwrap();
+    }
+    let r = sim.results();
+    // Contact at x = 0.32, 0.02 m into the seventh step.
+    assert_eq!((r.outcome[0], r.terminated[0]), (2, true));
+    assert!((r.poses[0] - 0.32).abs() < 1e-4 && (r.episode_path[0] - 0.32).abs() < 1e-4);
+    assert!((r.rewards[0] - (-445.0 + 35.0 * 0.02)).abs() < 1e-2);
+    assert!(r.episode_clearance[0] < 1e-4);
+    assert!((r.observations[9] - 0.25).abs() < 1e-3 && (r.observations[10] - 0.25).abs() < 1e-3);
+}
+
+#[test]
+fn a_sensor_rule_ends_an_episode_without_contact() {
+    let mut scenario = corridor(8.0, 50.0);
+    scenario.shapes.push(Shape::Segment { a: [0.57, -1.0], b: [0.57, 1.0] });
+    let mut config = quiet();
+    config.task.collision = CollisionRule::Sensor;
+    let mut sim = BatchSim::new(config, 1, 0, 1, false, Some(vec![scenario])).unwrap();
+    for _ in 0..5 {
+        sim.step(&FORWARD).unwrap();
+    }
+    // 0.57 - 0.25 = 0.32 m ahead: under 0.35 m for the first time.
+    assert_eq!((sim.results().outcome[0], sim.results().episode_steps[0]), (2, 5));
+}
+
+#[test]
+fn autoreset_gives_the_first_observation_and_keeps_the_last() {
+    let mut sim = BatchSim::new(quiet(), 1, 0, 1, true, Some(vec![corridor(1.02, 50.0)])).unwrap();
+    for _ in 0..15 {
+        sim.step(&FORWARD).unwrap();
+    }
+    let r = sim.results();
+    assert_eq!((r.outcome[0], r.terminated[0], r.episode_steps[0], r.episodes[0]), (1, true, 15, 0));
+    assert!((r.final_observations[20] - 0.27).abs() < 1e-6);
+    assert_eq!(r.final_observations[21..], [0.0_f32, 1.0, 0.0]);
+    assert_eq!(r.observations[20..], [1.02_f32, 0.0, 0.0, 0.0]);
+    assert_eq!(r.poses, [0.0, 0.0, 0.0]);
+    sim.step(&FORWARD).unwrap();
+    let r = sim.results();
+    assert_eq!((r.outcome[0], r.terminated[0], r.episode_steps[0], r.episodes[0]), (0, false, 1, 1));
+    assert_eq!(r.observations, r.final_observations);
+}
+
+#[test]
+fn acceleration_limits_show_in_the_observation() {
+    let mut config = quiet();
+    (config.robot.acceleration_max, config.robot.angular_acceleration_max) = (1.0, 2.5);
+    let mut sim = BatchSim::new(config, 1, 0, 1, true, Some(vec![corridor(4.0, 50.0)])).unwrap();
+    sim.step(&[1.0, 1.0]).unwrap();
+    assert_eq!(sim.results().velocities, [0.1, 0.25]);
+    assert_eq!(sim.results().observations[22..], [0.2_f32, 0.25]);
+}
+
+#[test]
+fn a_restored_simulator_goes_on_bit_for_bit() {
+    let mut sim = BatchSim::new(config("td3"), 8, 1, 1, true, None).unwrap();
+    for t in 0..300 {
+        sim.step(&actions(8, t)).unwrap();
+    }
+    let state = sim.state().unwrap();
+    let mut other = BatchSim::new(config("td3"), 8, 1, 2, true, None).unwrap();
+    other.restore(&state).unwrap();
+    assert_eq!(sim.results(), other.results());
+    for t in 300..600 {
+        sim.step(&actions(8, t)).unwrap();
+        other.step(&actions(8, t)).unwrap();
+        assert_eq!(sim.results(), other.results(), "step {t}");
+    }
+    assert!(sim.restore(b"{}").is_err());
+    let mut smaller = BatchSim::new(config("td3"), 7, 1, 1, true, None).unwrap();
+    assert!(matches!(smaller.restore(&state), Err(Error::Length { expected: 7, got: 8, .. })));
+}
+
+#[test]
+fn bad_actions_leave_the_simulator_untouched() {
+    let mut sim = BatchSim::new(config("td3"), 2, 1, 1, true, None).unwrap();
+    let before = sim.state().unwrap();
+    assert!(matches!(sim.step(&[0.0; 3]), Err(Error::Length { expected: 4, got: 3, .. })));
+    assert!(matches!(sim.step(&[0.0, 0.0, f32::NAN, 0.0]), Err(Error::NotFinite { robot: 1, .. })));
+    assert!(sim.reset(Some(&[true])).is_err());
+    assert_eq!(before, sim.state().unwrap());
+    assert!(BatchSim::new(config("td3"), 0, 1, 1, true, None).is_err());
+    assert!(BatchSim::new(config("td3"), 1, 1, 0, true, None).is_err());
+    assert!(BatchSim::new(config("nowhere"), 1, 1, 1, true, None).is_err());
+}

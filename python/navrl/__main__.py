@@ -1,0 +1,7 @@
+"""`python -m navrl` is the command `navrl`."""
+
+import sys
+
+from navrl.cli import main
+
+sys.exit(main())

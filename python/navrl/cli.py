@@ -1,0 +1,226 @@
+"""The command line: what may be typed, which command it calls, and how each ending is reported.
+
+Exit codes: 0 done, 1 internal error, 2 the user's mistake (one line), 3 non-finite values in training, 130 interrupted.
+Results go to stdout, progress and errors to stderr. Nothing heavy is imported before a command needs it.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from difflib import get_close_matches
+from importlib import import_module
+from typing import Any, NoReturn
+
+from navrl.errors import UserError
+
+DONE, INTERNAL_ERROR, USER_MISTAKE, NOT_FINITE, INTERRUPTED = 0, 1, 2, 3, 130
+
+Settings = list[tuple[str, str]]
+"""Configuration options as typed: key path and text of the value."""
+
+
+class _Version(argparse.Action):
+    """Prints the version; the package's metadata are read only then."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any, **__: Any) -> NoReturn:  # noqa: ANN401
+        import navrl
+
+        print(f"navrl {navrl.__version__}")
+        parser.exit()
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are exceptions of one line."""
+
+    def __init__(self, **settings: Any) -> None:  # noqa: ANN401 - as argparse declares it
+        super().__init__(allow_abbrev=False, **settings)
+
+    def error(self, message: str) -> NoReturn:
+        command = self.prog.removeprefix("navrl").strip()
+        raise UserError(f"{command}: {message}" if command else message)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command.
+
+    Args:
+        arguments: as typed, without the name of the program; None takes them from the system.
+
+    Returns:
+        The exit code.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace", line_buffering=True)
+    try:
+        return _run(list(sys.argv[1:] if arguments is None else arguments))
+    except UserError as error:
+        print(f"navrl: {' '.join(str(error).splitlines())}", file=sys.stderr)
+        return USER_MISTAKE
+    except KeyboardInterrupt as interruption:
+        if not str(interruption):  # training has said what it saved
+            print("navrl: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader of our output has gone, as `head` does: nothing is left to say, not even at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+
+
+def _run(arguments: list[str]) -> int:
+    typed, settings = _split_settings(arguments)
+    parser = _parser()
+    options, unknown = parser.parse_known_args(typed)
+    command = options.command
+    if unknown:
+        raise UserError(_unexpected(parser, command, unknown[0]))
+    if settings and not options.takes_settings:
+        raise UserError(f"{command}: --{settings[0][0]}: this command takes no configuration keys")
+    options.settings = settings
+    # The module that runs a command brings what the others do without.
+    module, _, function = options.run.partition(":")
+    code: int = getattr(import_module(f"navrl.{module}"), function)(options)
+    return code
+
+
+def _split_settings(arguments: list[str]) -> tuple[list[str], Settings]:
+    """Takes the options `--KEY.PATH VALUE` and `--KEY.PATH=VALUE` out of what was typed."""
+    typed: list[str] = []
+    settings: Settings = []
+    rest = iter(arguments)
+    for argument in rest:
+        if argument == "--":
+            return [*typed, argument, *rest], settings
+        key, equals, value = argument.removeprefix("--").partition("=")
+        if not argument.startswith("--") or "." not in key:
+            typed.append(argument)
+        elif equals:
+            settings.append((key, value))
+        else:
+            following = next(rest, None)
+            if following is None:
+                raise UserError(f"--{key}: expects a value")
+            settings.append((key, following))
+    return typed, settings
+
+
+def _unexpected(parser: argparse.ArgumentParser, command: str, word: str) -> str:
+    if not word.startswith("-"):
+        return f"{command}: unexpected argument {word!r}"
+    flag = word.partition("=")[0]
+    near = get_close_matches(flag, _flags(parser, command), n=1)
+    hint = f"; did you mean {near[0]}?" if near else f"; see navrl {command} --help"
+    return f"{command}: {flag}: no such option{hint}"
+
+
+def _flags(parser: argparse.ArgumentParser, command: str) -> list[str]:
+    """The options of a command such as `config show`."""
+    for word in command.split():
+        choices = [action.choices for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+        parser = dict(choices[0])[word]
+    return [flag for action in parser._actions for flag in action.option_strings]
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="navrl",
+        description="Train a mobile robot with a lidar to reach goals without collisions.",
+        epilog="POLICY is a run folder, a policy folder or `default`, the policy that comes with navrl.",
+    )
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=_Parser)
+    _add_train(commands)
+    _add_eval(commands)
+    _add_play(commands)
+    _add_bench(commands)
+    _add_config(commands)
+    doctor = commands.add_parser("doctor", help="versions, processor, and a self-test of a few seconds")
+    doctor.set_defaults(command="doctor", run="commands:doctor", takes_settings=False)
+    return parser
+
+
+def _add_train(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
+    train = commands.add_parser(
+        "train",
+        help="train a policy, test it and save it",
+        epilog="Every setting of docs/configuration.md can be given as --KEY.PATH VALUE, such as --learner.tau 0.01.",
+    )
+    train.set_defaults(command="train", run="train_command:train", takes_settings=True)
+    _add_sources(train)
+    train.add_argument("--world", metavar="W", help="td3, boxes or a world file (.json)")
+    seeds = train.add_mutually_exclusive_group()
+    seeds.add_argument("--seed", metavar="K", help="seed of every random stream (default 0)")
+    seeds.add_argument("--seeds", metavar="K0,K1,..", help="several runs, one after the other")
+    length = train.add_mutually_exclusive_group()
+    length.add_argument("--steps", metavar="N", help="environment steps; with --resume the new total")
+    length.add_argument("--episodes", metavar="N", help="episodes")
+    train.add_argument("--until", metavar="X", help="stop once a validation reaches this success rate")
+    train.add_argument("--algorithm", metavar="A", help="td3 or ddpg")
+    train.add_argument("--init", metavar="POLICY", help="start from this policy's actor")
+    train.add_argument("--no-test", action="store_true", help="skip the test after training")
+    train.add_argument("--out", metavar="DIR", help="folder of the run, new or empty (default: one in runs/)")
+    train.add_argument("--resume", metavar="DIR", help="continue the run in DIR")
+    train.add_argument("--inexact", action="store_true", help="with --resume: also where bitwise is impossible")
+
+
+def _add_sources(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--preset", metavar="P", help="fast (default) or paper")
+    parser.add_argument("--robot", metavar="R", help="turtlebot3_burger or turtlebot3_waffle")
+    parser.add_argument("--config", metavar="F.toml", help="settings from a file")
+
+
+def _add_scenarios(parser: argparse.ArgumentParser) -> None:
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--world", metavar="W", help="td3 (default), boxes or a world file (.json)")
+    where.add_argument("--scenarios", metavar="F.jsonl", help="scenarios from a file, one in each line")
+    parser.add_argument("--boxes", metavar="K", help="number of boxes of the world boxes")
+    parser.add_argument("--list", choices=("validation", "test", "final"), help="built-in list (default test)")
+
+
+def _add_eval(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
+    parser = commands.add_parser("eval", help="measure a policy on a fixed list of scenarios")
+    parser.set_defaults(command="eval", run="commands:evaluate", takes_settings=False)
+    parser.add_argument("policy", metavar="POLICY", help="run folder, policy folder or default")
+    _add_scenarios(parser)
+    parser.add_argument("--skip-invalid", action="store_true", help="leave out scenarios that cannot be run")
+    parser.add_argument("--episodes", metavar="N", help="only the first N scenarios")
+    parser.add_argument("--threads", metavar="N", help="threads (default: all cores); never changes results")
+    parser.add_argument("--json", metavar="F", help="write scores and episodes to F")
+
+
+def _add_play(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
+    parser = commands.add_parser("play", help="draw an episode: room, path, lidar rays")
+    parser.set_defaults(command="play", run="commands:play", takes_settings=False)
+    parser.add_argument("policy", metavar="POLICY", nargs="?", default="default", help="default: the policy that ships")
+    _add_scenarios(parser)
+    parser.add_argument("--index", metavar="I", help="which scenario of the list (default 0)")
+    parser.add_argument("--out", metavar="F", required=True, help="picture or film to write: .png, .gif or .mp4")
+
+
+def _add_bench(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
+    parser = commands.add_parser("bench", help="measure the simulator's speed with random actions")
+    parser.set_defaults(command="bench", run="commands:bench", takes_settings=False)
+    parser.add_argument("--world", metavar="W", default="open8", help="open8 (default), td3 or boxes")
+    parser.add_argument("--num-envs", metavar="N", default="256", help="robots (default 256)")
+    parser.add_argument("--beams", metavar="N", help="beams of the lidar (default 180)")
+    parser.add_argument("--threads", metavar="N", help="threads (default: all cores)")
+    parser.add_argument("--noise", metavar="S", help="lidar noise (default 0.008 m)")
+    parser.add_argument("--json", metavar="F", help="write the figures to F")
+
+
+def _add_config(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
+    config = commands.add_parser("config", help="show or check settings")
+    actions = config.add_subparsers(metavar="ACTION", required=True, parser_class=_Parser)
+    show = actions.add_parser("show", help="print the complete configuration that FILE and options give")
+    show.set_defaults(command="config show", run="commands:show_config", takes_settings=True)
+    show.add_argument("file", metavar="FILE", nargs="?", help="TOML file")
+    show.add_argument("--preset", metavar="P", help="fast (default) or paper")
+    show.add_argument("--robot", metavar="R", help="turtlebot3_burger or turtlebot3_waffle")
+    check = actions.add_parser("check", help="say whether FILE is a valid configuration")
+    check.set_defaults(command="config check", run="commands:check_config", takes_settings=False)
+    check.add_argument("file", metavar="FILE", help="TOML file")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

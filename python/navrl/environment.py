@@ -1,0 +1,106 @@
+"""What the bits of a run depend on besides its configuration: the processor, the builds and the learner's threads.
+
+Environment.here(config) -> Environment;  .differences(other) -> list of lines
+cpu_model(), cores(), available_memory()
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+from dataclasses import dataclass, fields
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from navrl.config import Config
+
+CGROUP = Path("/sys/fs/cgroup")
+"""Limits of a container, where there is one."""
+
+
+@dataclass(frozen=True)
+class Environment:
+    """What has to be equal for a resumed run to continue bit for bit."""
+
+    navrl: str
+    """Version of navrl."""
+    torch: str
+    """Version and build of torch."""
+    numpy: str
+    """Version of numpy."""
+    cpu: str
+    """Model of the processor."""
+    isa: str
+    """Instruction set of the simulator's scan kernels."""
+    torch_isa: str
+    """Instruction set of torch's kernels."""
+    kernel: str
+    """What computes the updates."""
+    learn_threads: int
+    """Threads of the update."""
+    world_sha256: str
+    """Hash of the world file; empty for a built-in world."""
+
+    @classmethod
+    def here(cls, config: Config) -> Environment:
+        """The present one, for a run of that configuration."""
+        import torch
+
+        from navrl import _navsim
+
+        world = Path(config.world.name)
+        return cls(
+            navrl=metadata.version("navrl"),
+            torch=torch.__version__,
+            numpy=np.__version__,
+            cpu=cpu_model(),
+            isa=_navsim.isa(),
+            torch_isa=torch.backends.cpu.get_cpu_capability(),
+            kernel="torch",
+            learn_threads=config.threads.learn,
+            world_sha256=hashlib.sha256(world.read_bytes()).hexdigest() if world.suffix else "",
+        )
+
+    def differences(self, other: Environment) -> list[str]:
+        """What differs, as `name: own value, other value`."""
+        names = [field.name for field in fields(self)]
+        pairs = {name: (getattr(self, name), getattr(other, name)) for name in names}
+        return [f"{name}: {own}, {others}" for name, (own, others) in pairs.items() if own != others]
+
+
+def cpu_model() -> str:
+    """The processor's name with what tells it from others of that name, in one line."""
+    keys = {"model name": "", "cpu family": "family ", "model": "model ", "stepping": "stepping "}
+    found: dict[str, str] = {}
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            key, _, value = line.partition(":")
+            found.setdefault(key.strip(), value.strip())
+    except OSError:
+        return platform.processor() or platform.machine()
+    words = [prefix + found[key] for key, prefix in keys.items() if key in found]
+    return ", ".join(words) or platform.machine()
+
+
+def cores() -> int:
+    """Processor cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def available_memory() -> int | None:
+    """Memory that can be taken without swapping (bytes), within the limits of a container; None if unknown."""
+    free = []
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="utf-8").splitlines()
+        free += [int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:")]
+        limit = (CGROUP / "memory.max").read_text(encoding="utf-8").strip()
+        if limit != "max":
+            free.append(int(limit) - int((CGROUP / "memory.current").read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        pass
+    return min(free, default=None)

@@ -1,0 +1,41 @@
+"""Errors that are the user's mistake: one line, exit code 2, no traceback.
+
+Kept apart from the configuration so that commands and deployed policies can name them without loading its validator.
+"""
+
+from json import dumps
+
+
+def shown(value: object, *, longest: int = 60) -> str:
+    """A value as a configuration file would have it, on one line and cut after `longest` characters."""
+    if isinstance(value, (bool, str)):
+        text = dumps(value, ensure_ascii=False)
+    elif isinstance(value, (list, tuple)):
+        text = "[" + ", ".join(shown(item) for item in value[:longest]) + "]"
+    elif isinstance(value, dict):
+        text = "{" + ", ".join(f"{key} = {shown(item)}" for key, item in value.items()) + "}"
+    elif isinstance(value, int) and value.bit_length() > 64 * longest:
+        text = f"{value:#x}"  # Python writes numbers of so many digits only as powers of two
+    else:
+        text = str(value)
+    text = " ".join(text.split())
+    return text if len(text) <= longest else text[: longest - 3] + "..."
+
+
+class UserError(Exception):
+    """A mistake that the user can put right; its text is one line that says what to change."""
+
+
+class ConfigError(UserError):
+    """A configuration that cannot be used.
+
+    Attributes:
+        fault: what is wrong, without its source, such as ``learner.tau = 2: must be a number in (0, 1]``.
+        keys: paths of the settings at fault, the first being the one named; empty if the whole source is.
+    """
+
+    def __init__(self, fault: str, *, keys: tuple[str, ...] = (), source: str = "") -> None:
+        """Joins the source (a file, a preset or an option; empty if unknown) and the fault to one line."""
+        super().__init__(f"{source}: {fault}" if source else fault)
+        self.fault = fault
+        self.keys = keys

@@ -1,0 +1,154 @@
+"""What is reported about episodes: rates with Wilson intervals, SPL, and the scores of a list (equation 13)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+Outcome = Literal["goal", "collision", "timeout"]
+
+RUNNING = 0
+"""The simulator's outcome of an episode that goes on."""
+OUTCOMES: dict[int, Outcome] = {1: "goal", 2: "collision", 3: "timeout"}
+"""Meaning of the simulator's outcomes of episodes that have ended."""
+
+NORMAL_QUANTILE_975 = 1.959963984540054
+"""Two-sided 95 % quantile of the normal distribution."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """How one scenario of a list went."""
+
+    index: int
+    """Place of the scenario in its list, from 0."""
+    outcome: Outcome
+    """How the episode ended."""
+    steps: int
+    """Control periods driven."""
+    time_s: float
+    """Steps times the control period, seconds."""
+    path_m: float
+    """Arc length driven by the robot's centre, metres."""
+    shortest_m: float
+    """Length of the shortest path from the start to the goal circle, metres."""
+    total_return: float
+    """Undiscounted return: equations 3 and 5 in the paper's form, unscaled."""
+    min_clearance_m: float | None
+    """Smallest distance of the footprint from an obstacle at step ends, metres; None in a world without obstacles."""
+
+    @property
+    def spl(self) -> float:
+        """Success weighted by path length, in [0, 1]."""
+        # SPL of one episode: S l / max(p, l)
+        return self.shortest_m / max(self.path_m, self.shortest_m) if self.outcome == "goal" else 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """The record of `navrl eval --json`."""
+        record = asdict(self)
+        record["return"] = record.pop("total_return")
+        return {key: record[key] for key in EPISODE_KEYS}
+
+
+EPISODE_KEYS = ("index", "outcome", "steps", "time_s", "path_m", "shortest_m", "return", "min_clearance_m")
+"""Keys of an episode's JSON record, in order."""
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Summary of a list of episodes. The field names are those of every JSON file that reports scores."""
+
+    list: str
+    """Name of the scenario list."""
+    list_sha256: str
+    """Hash of the scenarios as JSON Lines."""
+    episodes: int
+    """Scenarios, each run exactly once."""
+    success_rate: float
+    """Share of episodes that reached the goal."""
+    success_ci95: tuple[float, float]
+    """Wilson 95 % interval of the success rate."""
+    collision_rate: float
+    """Share of episodes that ended in a collision."""
+    collision_ci95: tuple[float, float]
+    """Wilson 95 % interval of the collision rate."""
+    timeout_rate: float
+    """Share of episodes that ran out of time."""
+    timeout_ci95: tuple[float, float]
+    """Wilson 95 % interval of the time-out rate."""
+    average_return: float
+    """Mean return over all episodes (paper's form, undiscounted)."""
+    spl: float
+    """Success weighted by path length: mean of S l / max(p, l)."""
+    time_to_goal_s: float | None
+    """Mean time over successes, seconds; None without a success."""
+    path_length_m: float | None
+    """Mean arc length driven over successes, metres; None without a success."""
+    min_clearance_m: float | None
+    """Mean over episodes of the smallest clearance, metres; None in worlds without obstacles."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The record that every JSON file holds: intervals as lists."""
+        return {key: [*value] if isinstance(value, tuple) else value for key, value in asdict(self).items()}
+
+
+def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
+    """Wilson's 95 % interval of a proportion.
+
+    Args:
+        successes: Number of hits, 0 to `trials`.
+        trials: Number of trials, at least 1.
+
+    Returns:
+        Lower and upper bound, in [0, 1].
+    """
+    if not 0 <= successes <= trials or trials == 0:
+        raise ValueError(f"{successes} successes of {trials} trials: expected 0 <= successes <= trials, trials >= 1")
+    # Wilson: (p + z^2/2n +- z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n)
+    z, share = NORMAL_QUANTILE_975, successes / trials
+    centre = share + z * z / (2 * trials)
+    half_width = z * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
+    scale = 1 + z * z / trials
+    low = 0.0 if successes == 0 else (centre - half_width) / scale
+    high = 1.0 if successes == trials else (centre + half_width) / scale
+    return low, high
+
+
+def summarize(list_name: str, list_sha256: str, episodes: Sequence[Episode]) -> Scores:
+    """Scores of a list of episodes.
+
+    Args:
+        list_name: Name of the scenario list.
+        list_sha256: Hash of its scenarios.
+        episodes: One record per scenario, at least one.
+
+    Returns:
+        Rates with intervals, and means.
+    """
+    count = len(episodes)
+    hits = {outcome: sum(e.outcome == outcome for e in episodes) for outcome in OUTCOMES.values()}
+    reached = [e for e in episodes if e.outcome == "goal"]
+    clearances = [e.min_clearance_m for e in episodes if e.min_clearance_m is not None]
+    return Scores(
+        list=list_name,
+        list_sha256=list_sha256,
+        episodes=count,
+        success_rate=hits["goal"] / count,
+        success_ci95=wilson_interval(hits["goal"], count),
+        collision_rate=hits["collision"] / count,
+        collision_ci95=wilson_interval(hits["collision"], count),
+        timeout_rate=hits["timeout"] / count,
+        timeout_ci95=wilson_interval(hits["timeout"], count),
+        # Eq. 13: average return over the evaluation episodes, without noise
+        average_return=math.fsum(e.total_return for e in episodes) / count,
+        spl=math.fsum(e.spl for e in episodes) / count,
+        time_to_goal_s=_mean([e.time_s for e in reached]),
+        path_length_m=_mean([e.path_m for e in reached]),
+        min_clearance_m=_mean(clearances),
+    )
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return math.fsum(values) / len(values) if values else None

@@ -1,0 +1,243 @@
+"""One episode as a picture or a film: `navrl play`.
+
+    trajectory = drive(policy, scenario_list, index);  write(trajectory, Path("episode.gif"), title="...")
+
+The episode is the very one that an evaluation of the same list runs at that place.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+from navrl.batch import BatchSim, Scenario
+from navrl.config import SimConfig
+from navrl.durable import PENDING, write_file
+from navrl.errors import UserError
+from navrl.evaluate import EVALUATION_SEED, Actor
+from navrl.metrics import OUTCOMES, RUNNING
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+    from navrl.render import Moment, Room
+    from navrl.scenarios import ScenarioList
+
+FORMATS = (".png", ".gif", ".mp4")
+PICTURE_PX, FILM_PX = 1000, 560
+"""Longer side of the room in a picture and in a film."""
+GIF_RATE, MP4_RATE = 12.5, 25.0
+"""Most frames a second."""
+SPEED_UP = 2.5
+"""How much faster than the robot a film runs, unless it would have too many frames."""
+FRAMES_MAX = 300
+LAST_FRAME_S = 1.5
+"""How long a film shows the end."""
+GHOST_S = 2.0
+"""Time between the faint robots of a picture, seconds."""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """An episode step by step; entry 0 is its start."""
+
+    scenario: Scenario
+    """Start, goal and obstacles."""
+    sim: SimConfig
+    """Robot, lidar and task."""
+    poses: NDArray[np.float64]
+    """(steps + 1, 3) x, y, yaw (m, m, rad)."""
+    ranges: NDArray[np.float32]
+    """(steps + 1, beams) metres."""
+    velocities: NDArray[np.float64]
+    """(steps + 1, 2) m/s, rad/s of the step that led here."""
+    outcome: str
+    """How it ended: "goal", "collision" or "timeout"."""
+
+    @property
+    def steps(self) -> int:
+        """Control periods driven."""
+        return len(self.poses) - 1
+
+    def moment(self, step: int) -> Moment:
+        """What moves, after so many steps."""
+        from navrl.render import Moment
+
+        v, omega = (float(speed) for speed in self.velocities[step])
+        return Moment(
+            pose=self.poses[step],
+            ranges=self.ranges[step],
+            path=self.poses[: step + 1, :2],
+            step=step,
+            v=v,
+            omega=omega,
+            outcome=self.outcome if step == self.steps else "running",
+        )
+
+
+def check_output(file: Path) -> None:
+    """Refuses a file that `write` could not write, before anything is computed.
+
+    Args:
+        file: Where the picture or film is to go.
+
+    Raises:
+        UserError: Another ending, no such folder, or a film for which software is missing.
+    """
+    if file.suffix.lower() not in FORMATS:
+        raise UserError(f"{file}: expected a name that ends in {', '.join(FORMATS)}")
+    if not file.parent.is_dir():
+        raise UserError(f"{file}: no such folder {file.parent}")
+    if file.suffix.lower() == ".mp4":
+        try:
+            import_module("imageio_ffmpeg")
+        except ImportError:
+            raise UserError(
+                f"{file}: needs the extra package of pip install 'navrl[video]'; .gif works without"
+            ) from None
+
+
+def drive(policy: Actor, scenarios: ScenarioList, index: int, sim: SimConfig) -> Trajectory:
+    """Drives one scenario of a list.
+
+    Args:
+        policy: What drives.
+        scenarios: The list.
+        index: Place in the list, from 0.
+        sim: Robot, lidar and task.
+
+    Returns:
+        The episode.
+
+    Raises:
+        UserError: The list has no such place.
+    """
+    if not 0 <= index < len(scenarios):
+        raise UserError(f"--index {index}: {scenarios.name} has scenarios 0 to {len(scenarios) - 1}")
+    scenario = scenarios.scenarios[index]
+    # The place in the list names the lidar's noise. The robots before it end after one step in an open world.
+    idle = Scenario(start=(0.0, 0.0, 0.0), goal=(100.0, 0.0), goal_radius=0.1, time_limit=sim.task.period)
+    simulator = BatchSim(
+        sim,
+        num_envs=index + 1,
+        seed=EVALUATION_SEED,
+        autoreset=False,
+        scenarios=[*([idle] * index), scenario],
+    )
+    actions = np.zeros((index + 1, 2), np.float32)
+    history = [_situation(simulator, index)]
+    with threadpool_limits(1, user_api="blas"):
+        while simulator.outcome[index] == RUNNING:
+            actions[index] = policy.act(simulator.observations[index])
+            simulator.step(actions)
+            history.append(_situation(simulator, index))
+    poses, ranges, velocities = (np.stack(rows) for rows in zip(*history, strict=True))
+    return Trajectory(scenario, sim, poses, ranges, velocities, OUTCOMES[int(simulator.outcome[index])])
+
+
+def _situation(simulator: BatchSim, robot: int) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float64]]:
+    return simulator.poses[robot].copy(), simulator.ranges[robot].copy(), simulator.velocities[robot].copy()
+
+
+def write(trajectory: Trajectory, file: Path, *, title: str) -> None:
+    """Writes an episode as a picture (.png) or a film (.gif, .mp4).
+
+    Args:
+        trajectory: The episode.
+        file: Where to; `check_output` says what is possible.
+        title: First line of the caption.
+    """
+    from navrl.render import Room
+
+    kind = file.suffix.lower()
+    path = trajectory.poses[:, :2]
+    size, supersample = (PICTURE_PX, 4) if kind == ".png" else (FILM_PX, 2)
+    room = Room(trajectory.scenario, trajectory.sim, title=title, size=size, supersample=supersample, path=path)
+    if kind == ".mp4":
+        _write_mp4(trajectory, room, file)
+        return
+    content = io.BytesIO()
+    if kind == ".png":
+        picture(trajectory, room).save(content, "PNG", optimize=True)
+    else:
+        _save_gif(trajectory, room, content)
+    write_file(file, content.getvalue())
+
+
+def picture(trajectory: Trajectory, room: Room) -> Image.Image:
+    """The whole episode in one picture: the path, faint robots along it, and the last step with its rays.
+
+    Args:
+        trajectory: The episode.
+        room: Where to draw it.
+
+    Returns:
+        RGB image.
+    """
+    every = max(1, round(GHOST_S / trajectory.sim.task.period))
+    ghosts = trajectory.poses[every : trajectory.steps : every]
+    # The rays of the step at which the robot came nearest to an obstacle that it saw.
+    nearest = int(trajectory.ranges.min(axis=1).argmin())
+    return room.draw(trajectory.moment(trajectory.steps), ghosts=ghosts, scan=trajectory.moment(nearest))
+
+
+def frame_steps(steps: int, period: float, rate: float) -> tuple[list[int], float]:
+    """Which steps a film shows.
+
+    Args:
+        steps: Steps of the episode.
+        period: Control period, seconds.
+        rate: Most frames a second.
+
+    Returns:
+        Steps, the last one among them, and the time between them (s of the film).
+    """
+    every = max(1, math.ceil(SPEED_UP / (rate * period) - 1e-9))
+    interval = every * period / SPEED_UP
+    # A longer episode runs faster instead of growing without end.
+    every = max(every, math.ceil(steps / FRAMES_MAX))
+    return [*range(0, steps, every), steps], interval
+
+
+def _save_gif(trajectory: Trajectory, room: Room, content: io.BytesIO) -> None:
+    from PIL import Image
+
+    shown, interval = frame_steps(trajectory.steps, trajectory.sim.task.period, GIF_RATE)
+    frames = [room.draw(trajectory.moment(step)) for step in shown]
+    # One palette for all frames keeps colours still and the file small: from moments all along the episode, and from
+    # every colour that a ray may take.
+    samples = [*frames[:: max(1, len(frames) // 8)], room.swatch()]
+    strip = Image.new("RGB", (room.width, sum(sample.height for sample in samples)))
+    top = 0
+    for sample in samples:
+        strip.paste(sample, (0, top))
+        top += sample.height
+    palette = strip.quantize(128, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    milliseconds = [round(1000 * interval)] * (len(frames) - 1) + [round(1000 * LAST_FRAME_S)]
+    indexed[0].save(content, "GIF", save_all=True, append_images=indexed[1:], duration=milliseconds, loop=0)
+
+
+def _write_mp4(trajectory: Trajectory, room: Room, file: Path) -> None:
+    imageio_ffmpeg = import_module("imageio_ffmpeg")
+    shown, interval = frame_steps(trajectory.steps, trajectory.sim.task.period, MP4_RATE)
+    pending = file.with_name(PENDING + file.name)
+    size = (room.width, room.height)
+    writer = imageio_ffmpeg.write_frames(str(pending), size, fps=1 / interval, macro_block_size=2, quality=8)
+    try:
+        writer.send(None)
+        for step in [*shown, *([trajectory.steps] * round(LAST_FRAME_S / interval))]:
+            writer.send(room.draw(trajectory.moment(step)).tobytes())
+        writer.close()
+        pending.replace(file)
+    finally:
+        writer.close()
+        pending.unlink(missing_ok=True)

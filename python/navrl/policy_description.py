@@ -1,0 +1,211 @@
+"""What a policy was trained for: the content of policy.json, and the simulator that belongs to it."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from importlib import metadata
+from typing import TYPE_CHECKING, Any, Literal
+
+from navrl.encoding import Encoding, encoded_size
+from navrl.errors import UserError
+from navrl.rebin import LidarLayout
+
+if TYPE_CHECKING:
+    from navrl.config import Config, SimConfig, WorldConfig
+
+SCHEMA = 1
+"""Version of policy.json."""
+ROBOT_KEYS = ("v_max", "omega_max", "acceleration_max", "angular_acceleration_max")
+LIDAR_KEYS = ("beams", "bins", "fov", "range_min", "range_max", "noise")
+TASK_KEYS = ("goal_radius", "collision", "sensor_range")
+SIZES = {"disc": ("radius",), "rectangle": ("length", "width")}
+"""Keys of a footprint by its kind."""
+
+
+class PolicyError(UserError, ValueError):
+    """A policy that cannot be used; the text names the file and what is wrong with it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class PolicyDescription:
+    """What a policy was trained for: the content of policy.json. The field names are its keys."""
+
+    encoding: Encoding = "inverse"
+    """Fixed encoding of observations."""
+    hidden_sizes: tuple[int, ...] = (128, 128)
+    """Units of the hidden layers."""
+    v_max: float = 0.5
+    """Largest forward speed, m/s."""
+    omega_max: float = 1.0
+    """Largest turning speed, rad/s."""
+    acceleration_max: float = 0.0
+    """Largest change of the forward speed, m/s^2; 0 means no limit."""
+    angular_acceleration_max: float = 0.0
+    """Largest change of the turning speed, rad/s^2; 0 means no limit."""
+    beams: int = 180
+    """Beams of the lidar."""
+    bins: int = 20
+    """Groups into which the beams are pooled by minimum."""
+    fov: float = math.pi
+    """Field of view of the lidar, radians."""
+    range_min: float = 0.0
+    """Smallest range of the lidar, metres."""
+    range_max: float = 10.0
+    """Largest range of the lidar, metres."""
+    noise: float = 0.008
+    """Standard deviation of the lidar's noise, metres."""
+    mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Pose [x, y, yaw] of the lidar in the robot's frame (m, m, rad)."""
+    period_s: float = 0.1
+    """Control period, seconds."""
+    time_limit_s: float = 50.0
+    """Longest episode of the built-in lists, seconds."""
+    goal_radius: float = 0.3
+    """Distance from the goal, metres, at which it counts as reached and `command` stops the robot."""
+    collision: Literal["footprint", "sensor"] = "footprint"
+    """What counts as a collision: "footprint" or "sensor"."""
+    sensor_range: float = 0.35
+    """Range of the rule "sensor", metres."""
+    footprint: dict[str, Any] = dataclasses.field(default_factory=lambda: {"kind": "disc", "radius": 0.25})
+    """{"kind": "disc", "radius"} or {"kind": "rectangle", "length", "width"}, metres."""
+    scores: dict[str, Any] | None = None
+    """Scores on the list that the policy reports, with the key "world"; None before they are known."""
+
+    def __post_init__(self) -> None:
+        """Refuses what no robot can have.
+
+        Raises:
+            ValueError: Names the first key at fault.
+        """
+        positive = ("v_max", "omega_max", "fov", "range_max", "period_s", "time_limit_s", "goal_radius", "bins")
+        kind = str(self.footprint.get("kind"))
+        for key, fits, expected in (
+            ("encoding", self.encoding in ("inverse", "raw"), '"inverse" or "raw"'),
+            ("hidden_sizes", all(size >= 1 for size in self.hidden_sizes), "widths >= 1"),
+            *((key, 0 < getattr(self, key) < math.inf, "> 0") for key in positive),
+            ("fov", self.fov <= 2 * math.pi, "at most 2 pi rad"),
+            ("beams", self.beams >= self.bins, f"at least bins = {self.bins}"),
+            ("range_min", 0 <= self.range_min < self.range_max, f"in [0, range_max = {self.range_max})"),
+            ("mount", len(self.mount) == 3 and all(map(math.isfinite, self.mount)), "[x, y, yaw]"),
+            ("footprint", {"kind", *SIZES.get(kind, ())} == set(self.footprint) > {"kind"}, "a disc or a rectangle"),
+        ):
+            if not fits:
+                raise ValueError(f"{key} = {getattr(self, key)}: expected {expected}")
+
+    @classmethod
+    def from_config(cls, config: Config, scores: dict[str, Any] | None = None) -> PolicyDescription:
+        """Describes the policy that a configuration trains.
+
+        Args:
+            config: Configuration of the training run.
+            scores: What the policy reached, if known.
+
+        Returns:
+            The description.
+        """
+        robot, lidar, task = config.robot, config.lidar, config.task
+        x, y, yaw = lidar.mount
+        return cls(
+            encoding=config.networks.encoding,
+            hidden_sizes=tuple(config.networks.hidden_sizes),
+            mount=(x, y, yaw),
+            period_s=task.period,
+            time_limit_s=task.time_limit,
+            footprint={"kind": robot.footprint} | {size: getattr(robot, size) for size in SIZES[robot.footprint]},
+            scores=scores,
+            **{key: getattr(robot, key) for key in ROBOT_KEYS},
+            **{key: getattr(lidar, key) for key in LIDAR_KEYS},
+            **{key: getattr(task, key) for key in TASK_KEYS},
+        )
+
+    def sim_config(self, world: WorldConfig | None = None) -> SimConfig:
+        """The simulator that the policy belongs to: its robot, lidar and task.
+
+        Args:
+            world: Where to drive; the default world if None.
+
+        Returns:
+            Configuration of a simulator.
+        """
+        from navrl.config import LidarConfig, RobotConfig, SimConfig, TaskConfig, WorldConfig
+
+        sizes = {key: value for key, value in self.footprint.items() if key != "kind"}
+        return SimConfig(
+            world=WorldConfig() if world is None else world,
+            robot=RobotConfig(
+                footprint=self.footprint["kind"], **sizes, **{key: getattr(self, key) for key in ROBOT_KEYS}
+            ),
+            lidar=LidarConfig(mount=self.mount, **{key: getattr(self, key) for key in LIDAR_KEYS}),
+            task=TaskConfig(
+                period=self.period_s,
+                time_limit=self.time_limit_s,
+                **{key: getattr(self, key) for key in TASK_KEYS},
+            ),
+        )
+
+    @property
+    def lidar_layout(self) -> LidarLayout:
+        """The geometry of the policy's lidar."""
+        return LidarLayout(self.beams, self.bins, self.fov, self.range_min, self.range_max)
+
+    @property
+    def layer_sizes(self) -> tuple[int, ...]:
+        """Widths from the encoded observation to the two actions."""
+        return (encoded_size(self.bins, self.encoding), *self.hidden_sizes, 2)
+
+    def to_json(self, actor: bytes) -> str:
+        """The text of policy.json.
+
+        Args:
+            actor: Content of the weights' file that it describes.
+
+        Returns:
+            JSON with the hash of the weights and of itself.
+        """
+        record: dict[str, Any] = {"schema": SCHEMA, "navrl": metadata.version("navrl")} | dataclasses.asdict(self)
+        record["actor_sha256"] = hashlib.sha256(actor).hexdigest()
+        record["sha256"] = digest(record)
+        return json.dumps(record, indent=2) + "\n"
+
+    @classmethod
+    def from_record(cls, record: dict[str, Any]) -> PolicyDescription:
+        """Reads a record whose hash and schema were checked.
+
+        Args:
+            record: The parsed policy.json.
+
+        Returns:
+            The description.
+
+        Raises:
+            ValueError: A key is missing or unknown, or a value cannot be.
+        """
+        fields = {field.name for field in dataclasses.fields(cls)}
+        given = set(record) - {"schema", "navrl", "actor_sha256", "sha256"}
+        if fields != given:
+            wrong = sorted(fields ^ given)
+            raise ValueError(f"keys missing or unknown: {', '.join(wrong)}")
+        values: dict[str, Any] = {
+            key: tuple(record[key]) if isinstance(record[key], list) else record[key] for key in fields
+        }
+        try:
+            return cls(**values)
+        except TypeError as error:
+            raise ValueError(f"a value of the wrong type: {error}") from None
+
+
+def digest(record: Mapping[str, Any]) -> str:
+    """Hash of everything in policy.json except the hash itself.
+
+    Args:
+        record: Content of policy.json.
+
+    Returns:
+        SHA-256 in hexadecimal digits.
+    """
+    content = {key: value for key, value in record.items() if key != "sha256"}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

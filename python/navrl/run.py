@@ -1,0 +1,349 @@
+"""What a training run consists of, and how it is saved and restored; `navrl.train` makes its moves.
+
+Run(config, folder, preset=, test=)              a run that has not begun
+Run.restored(folder, inexact=)                   a run where its newest checkpoint left it
+    .start_from(policy);  .extend(steps)
+    .save();  .summary(test_scores)
+    .share, .ended_by, .progress
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple, Protocol, Self
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from navrl.batch import BatchSim
+from navrl.checkpoint import CheckpointError, Checkpoints, Saved
+from navrl.clock import RunClock
+from navrl.config import Config
+from navrl.encoding import encode_observations, encoded_size
+from navrl.environment import Environment, available_memory, cores
+from navrl.errors import UserError
+from navrl.exploration import Exploration
+from navrl.metrics import Scores
+from navrl.metrics_log import MetricsLog, ResumePoint
+from navrl.policy import Policy, Weights
+from navrl.policy_description import PolicyDescription
+from navrl.replay import Arrays, NStepAssembler, Replay, row_width
+from navrl.run_folder import RunFolder, config_from_tables
+from navrl.scenarios import ScenarioList, load_list
+from navrl.td3 import TD3
+from navrl.training_metrics import Progress, TrainingMetrics
+
+SUMMARY_SCHEMA = 1
+"""Version of summary.json."""
+ROWS_PER_VALIDATION = 5
+"""Rows of metrics.csv from one validation to the next."""
+VALIDATIONS_TO_STOP = 2
+"""Validations in a row at or above training.until that end a run."""
+
+
+@dataclass
+class Counts:
+    """Where a run is. With the arrays of its parts, it determines every later move."""
+
+    next_row: int
+    """Steps at which the next row of metrics is due."""
+    next_validation: int
+    """Steps at which the next validation is due."""
+    steps: int = 0
+    """Environment steps of all robots together."""
+    owed: float = 0.0
+    """Updates that the steps so far call for and that have not been made."""
+    last_row: int = 0
+    """Steps of the newest row."""
+    last_validation: int = 0
+    """Steps of the newest validation."""
+    passed: int = 0
+    """Validations in a row at or above training.until."""
+
+
+class Limits(NamedTuple):
+    """What ends a run; 0 is no limit."""
+
+    steps: int
+    episodes: int
+    until: float
+
+    def share(self, steps: int, episodes: int) -> float:
+        """Share of the run that is over, in [0, 1]."""
+        shares = [count / limit for count, limit in ((steps, self.steps), (episodes, self.episodes)) if limit]
+        return min(1.0, max(shares))
+
+
+class Best(NamedTuple):
+    """The best policy so far: the highest success rate on the validation list, then the highest SPL, then the first."""
+
+    steps: int
+    scores: Scores
+    weights: Weights
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """What decides."""
+        return self.scores.success_rate, self.scores.spl
+
+
+class _Part(Protocol):
+    """A part of a run that can be saved."""
+
+    def state(self) -> Arrays: ...
+
+    def restore(self, state: Arrays) -> None: ...
+
+
+class Run:
+    """The parts of a training run."""
+
+    def __init__(self, config: Config, folder: RunFolder, *, preset: str, test: bool) -> None:
+        """Builds all parts of a run that has not begun; nothing is written.
+
+        Args:
+            config: All settings.
+            folder: Where the run is kept.
+            preset: Name of the settings.
+            test: Whether to test the best policy at the end.
+
+        Raises:
+            UserError: Memory is too small for replay, or the world cannot hold the robot.
+        """
+        self.config, self.folder, self.preset, self.test = config, folder, preset, test
+        self.environment, self.inexact = Environment.here(config), False
+        training, every_steps = config.training, config.validation.every_steps
+        self.row_period = max(1, every_steps // ROWS_PER_VALIDATION)
+        self.plan = Limits(training.steps, training.episodes, training.until)
+        """What was to end the run when it began: the step sizes follow it."""
+        self.limits = self.plan
+        self.threads = config.threads.simulate or max(1, cores() - config.threads.learn)
+        inputs = encoded_size(config.lidar.bins, config.networks.encoding)
+        torch.set_num_threads(config.threads.learn)
+        self.replay_bytes = _replay_bytes(self.limits.steps, config.replay.capacity, row_width(inputs))
+        try:
+            self.sim = BatchSim(config.sim, num_envs=training.num_envs, seed=training.seed, num_threads=self.threads)
+        except ValueError as error:
+            raise UserError(f"world.name = {config.world.name}: {error}") from None
+        self.validation_list = self.load_list("validation", config.validation.scenarios)
+        self.replay = Replay(config.replay.capacity, row_width(inputs))
+        self.learner = TD3(config, self.replay)
+        self.exploration = Exploration(config.exploration, num_envs=training.num_envs, seed=training.seed)
+        self.assembler = NStepAssembler(
+            config.learner, num_envs=training.num_envs, encoded_size=inputs, goal_reward=config.reward.goal
+        )
+        self.metrics = TrainingMetrics(training.num_envs, config.learner.reward_scale)
+        self.counts = Counts(next_row=self.row_period, next_validation=every_steps)
+        self.best: Best | None = None
+        self.clock = RunClock()
+        self.encoded = self.encode(self.sim.observations)
+        """(num_envs, inputs) what the robots see now."""
+        self.checkpoints = Checkpoints(folder.checkpoints)
+        self.log_from: ResumePoint | None = None
+        """Where metrics.csv continues."""
+        self.next_save = 0.0
+        """Moment of the monotonic clock at which the next checkpoint is due."""
+
+    @classmethod
+    def restored(cls, folder: RunFolder, *, inexact: bool) -> Self:
+        """Builds a run and puts it where its newest checkpoint left it.
+
+        Args:
+            folder: Folder of the run.
+            inexact: Go on even where the bits may differ.
+
+        Raises:
+            UserError: No checkpoint is sound, its settings were edited, or bits would differ.
+        """
+        saved = Checkpoints(folder.checkpoints).newest()
+        record = saved.record
+        config = folder.edited_config(config_from_tables(record["config"]))
+        run = cls(config, folder, preset=record["preset"], test=record["test"])
+        differences = Environment(**record["environment"]).differences(run.environment)
+        if differences and not inexact:
+            raise CheckpointError(
+                f"{folder.path}: the run began elsewhere, and its bits would change here: {'; '.join(differences)}; "
+                "--inexact resumes it all the same"
+            )
+        run.inexact = record["inexact"] or bool(differences)
+        try:
+            run._restore(saved)
+        except (KeyError, ValueError, TypeError) as error:
+            raise CheckpointError(f"{folder.checkpoints}, checkpoint {saved.number}: does not fit: {error}") from None
+        return run
+
+    def _restore(self, saved: Saved) -> None:
+        record, arrays = saved.record, saved.arrays
+        saved.restore_replay(self.replay)
+        for name, part in self._parts.items():
+            part.restore(_under(name, arrays))
+        self.sim.restore(arrays["simulator"].tobytes())
+        self.encoded = self.encode(self.sim.observations)
+        self.counts = Counts(**record["counts"])
+        self.limits = Limits(**record["limits"])
+        self.clock = RunClock(record["clock"])
+        if record["best"] is not None:
+            scores = {k: tuple(v) if isinstance(v, list) else v for k, v in record["best"]["scores"].items()}
+            weights = {name: array.astype(np.float32) for name, array in _under("best", arrays).items()}
+            self.best = Best(record["best"]["steps"], Scores(**scores), weights)
+        self.log_from = ResumePoint(record["log_bytes"], self.counts.last_row)
+
+    @property
+    def _parts(self) -> dict[str, _Part]:
+        return {
+            "learner": self.learner,
+            "replay": self.replay,
+            "assembler": self.assembler,
+            "exploration": self.exploration,
+            "metrics": self.metrics,
+        }
+
+    def save(self, log: MetricsLog) -> None:
+        """Writes a checkpoint.
+
+        Args:
+            log: Its rows so far are made durable first, so that a resumed run finds them.
+
+        Raises:
+            CheckpointError: The disk refused; the checkpoint before is complete.
+        """
+        arrays: dict[str, NDArray[Any]] = {"simulator": np.frombuffer(self.sim.state(), np.uint8)}
+        for name, part in self._parts.items():
+            arrays |= {f"{name}/{key}": array for key, array in part.state().items()}
+        best = None
+        if self.best is not None:
+            arrays |= {f"best/{key}": array for key, array in self.best.weights.items()}
+            best = {"steps": self.best.steps, "scores": self.best.scores.to_json()}
+        record = {
+            "preset": self.preset,
+            "test": self.test,
+            "inexact": self.inexact,
+            "environment": asdict(self.environment),
+            "config": asdict(self.config),
+            "counts": asdict(self.counts),
+            "limits": self.limits._asdict(),
+            "best": best,
+            "log_bytes": log.sync(),
+            "clock": self.clock.state(),
+        }
+        self.checkpoints.save(record, arrays, self.replay, keep=self.config.checkpoint.keep)
+        self.next_save = time.monotonic() + self.config.checkpoint.every_s
+
+    def start_from(self, policy: Policy) -> None:
+        """Takes the actor of a policy as the first one.
+
+        Args:
+            policy: Of the same networks and lidar bins.
+
+        Raises:
+            UserError: It does not fit.
+        """
+        own, other = self.description(None), policy.description
+        for key in ("encoding", "hidden_sizes", "bins"):
+            if getattr(own, key) != getattr(other, key):
+                wanted = f"this run has {getattr(own, key)}"
+                raise UserError(f"--init: the policy has {key} = {getattr(other, key)}, {wanted}")
+        weights = {name: torch.from_numpy(array) for name, array in policy.weights.items()}
+        for actor in (self.learner.actor, self.learner.actor_target, self.learner.averaged_actor):
+            actor.load_state_dict(weights)
+
+    def extend(self, steps: int) -> None:
+        """Lets the run end after so many environment steps instead of where it was to end."""
+        self.limits = Limits(steps, 0, 0.0 if self.ended_by == "until" else self.limits.until)
+
+    def encode(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Encodes observations of the simulator into an array of their own: (num_envs, inputs)."""
+        encoded = encode_observations(observations, self.config.networks.encoding)
+        return encoded.copy() if encoded is observations else encoded
+
+    def load_list(self, name: Any, count: int | None = None) -> ScenarioList:  # noqa: ANN401 - see load_list
+        """A built-in list of scenarios in the run's world."""
+        return load_list(self.config.sim, name, count=count, num_threads=cores())
+
+    def description(self, scores: Scores | None) -> PolicyDescription:
+        """Describes a policy of this run."""
+        return PolicyDescription.from_config(self.config, None if scores is None else scores.to_json())
+
+    @property
+    def progress(self) -> Progress:
+        """How far the run is."""
+        return Progress(self.counts.steps, self.metrics.episodes, self.learner.updates, self.clock.train_s)
+
+    @property
+    def share(self) -> float:
+        """Share of the run that is over, in [0, 1]."""
+        return self.limits.share(self.counts.steps, self.metrics.episodes)
+
+    @property
+    def ended_by(self) -> str:
+        """What ended the run: "until", "episodes", "steps", or nothing yet."""
+        limits = self.limits
+        if limits.until and self.counts.passed >= VALIDATIONS_TO_STOP:
+            return "until"
+        if limits.episodes and self.metrics.episodes >= limits.episodes:
+            return "episodes"
+        return "steps" if limits.steps and self.counts.steps >= limits.steps else ""
+
+    def summary(self, test_scores: Scores | None) -> dict[str, Any]:
+        """The content of summary.json.
+
+        Args:
+            test_scores: Scores of the best policy on the test list, if it was tested.
+
+        Returns:
+            Names and values; the scores stand under "scores" and, but for their number of episodes, beside it too.
+        """
+        here, clock = self.environment, self.clock
+        scores = {} if test_scores is None else test_scores.to_json()
+        run = {
+            "schema": SUMMARY_SCHEMA,
+            "navrl": here.navrl,
+            "torch": here.torch,
+            "preset": self.preset,
+            "algorithm": self.config.learner.algorithm,
+            "seed": self.config.training.seed,
+            "cpu": here.cpu,
+            "isa": here.isa,
+            "kernel": here.kernel,
+            "threads": {"sim": self.threads, "learn": self.config.threads.learn},
+            "env_steps": self.counts.steps,
+            "updates": self.learner.updates,
+            "episodes": self.metrics.episodes,
+            "train_s": clock.trained_s,
+            "update_s": clock.update_s,
+            "eval_s": clock.eval_s,
+            "wall_s": clock.wall_s,
+            "stopped_by": self.ended_by,
+            "inexact": self.inexact,
+            "best_steps": None if self.best is None else self.best.steps,
+        }
+        return {**run, **{key: value for key, value in scores.items() if key not in run}, "scores": scores or None}
+
+
+def _under(name: str, arrays: Mapping[str, NDArray[Any]]) -> Arrays:
+    """The arrays whose names begin with `name/`, without it."""
+    return {key.removeprefix(f"{name}/"): array for key, array in arrays.items() if key.startswith(f"{name}/")}
+
+
+def _replay_bytes(steps: int, capacity: int, width: int) -> int:
+    """Memory that replay will take (bytes).
+
+    Args:
+        steps: Where the run ends, 0 if unknown; one row a step at most.
+        capacity: Most rows.
+        width: Columns of a row.
+
+    Raises:
+        UserError: There is not so much.
+    """
+    rows = min(capacity, steps) if steps else capacity
+    needed, available = rows * width * 4, available_memory()
+    if available is not None and needed > available:
+        raise UserError(
+            f"replay.capacity = {capacity}: {rows:,} rows take {needed / 1e6:,.0f} MB, but {available / 1e6:,.0f} MB "
+            f"of memory are available; at most {available // (width * 4)} rows fit"
+        )
+    return needed

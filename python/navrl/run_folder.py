@@ -1,0 +1,171 @@
+"""The folder of a run: who may write to it, and what lies where.
+
+with RunFolder.create(path) as folder: ...       a new run, in a new or empty folder
+with RunFolder.open(path) as folder: ...         an existing run
+    .checkpoints, .policy, .config_file, .summary_file
+    .write_config(config);  .edited_config(saved);  .write_summary(summary);  .summary() -> dict or None
+
+DIR/summary.json  DIR/config.toml  DIR/metrics.csv  DIR/events.out.tfevents.*  DIR/checkpoints/  DIR/policy/
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import TypeAdapter, ValidationError
+
+from navrl.config import Config
+from navrl.config_files import load_config, to_toml
+from navrl.durable import PENDING, write_file
+from navrl.errors import UserError, shown
+
+FREE_KEYS = ("checkpoint.every_s", "checkpoint.keep", "threads.simulate")
+"""Settings that never change results: config.toml may be edited in them before a resume."""
+
+
+class RunFolder:
+    """A run folder that this process alone writes to, from its creation or opening until it is left."""
+
+    def __init__(self, path: Path) -> None:
+        """Locks the folder.
+
+        Args:
+            path: An existing folder.
+
+        Raises:
+            UserError: Another process writes to it.
+        """
+        self.path = path
+        # The lock belongs to the open folder, and goes with the process however it ends.
+        self._descriptor = os.open(path, os.O_RDONLY)
+        try:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(self._descriptor)
+            raise UserError(f"{path}: in use by another navrl train; wait for it or choose another folder") from None
+
+    @classmethod
+    def create(cls, path: Path) -> Self:
+        """Makes the folder of a new run.
+
+        Raises:
+            UserError: It is not empty, or cannot be made.
+        """
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            folder = cls(path)
+            if any(path.iterdir()):
+                folder.__exit__()
+                raise UserError(
+                    f"{path}: not empty; choose another folder, or resume the run in it with --resume {path}"
+                )
+        except OSError as error:
+            raise UserError(f"{path}: cannot be used as a run folder: {(error.strerror or '').lower()}") from None
+        return folder
+
+    @classmethod
+    def open(cls, path: Path) -> Self:
+        """Opens the folder of an existing run and removes what a crash left incomplete.
+
+        Raises:
+            UserError: There is no run in it.
+        """
+        if not (path / "checkpoints").is_dir():
+            raise UserError(f"{path}: no run to resume: it has no folder checkpoints")
+        folder = cls(path)
+        for leftover in [*path.glob(PENDING + "*")]:
+            leftover.unlink()
+        return folder
+
+    def __enter__(self) -> Self:
+        """The folder, locked since its creation."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Lets other processes in."""
+        os.close(self._descriptor)
+
+    @property
+    def checkpoints(self) -> Path:
+        """Folder of the saved states."""
+        return self.path / "checkpoints"
+
+    @property
+    def policy(self) -> Path:
+        """Folder of the best policy so far."""
+        return self.path / "policy"
+
+    @property
+    def config_file(self) -> Path:
+        """The complete configuration."""
+        return self.path / "config.toml"
+
+    @property
+    def summary_file(self) -> Path:
+        """What a finished run reports."""
+        return self.path / "summary.json"
+
+    def write_config(self, config: Config) -> None:
+        """Writes config.toml, from which the run can be repeated."""
+        write_file(self.config_file, to_toml(config).encode())
+
+    def edited_config(self, saved: Config) -> Config:
+        """The configuration to resume with: the saved one, with edits of config.toml that never change results.
+
+        Args:
+            saved: Configuration in the checkpoint.
+
+        Returns:
+            The configuration of config.toml, or the saved one if that file is missing.
+
+        Raises:
+            UserError: config.toml cannot be read, or differs in a setting that belongs to the saved state.
+        """
+        if not self.config_file.exists():
+            self.write_config(saved)
+            return saved
+        edited = load_config(self.config_file)
+        for key, value in _settings(edited).items():
+            before = _settings(saved)[key]
+            if value != before and key not in FREE_KEYS:
+                raise UserError(
+                    f"{self.config_file}: {key} = {shown(value)}, but the checkpoint was made with {shown(before)}: "
+                    "a resumed run keeps its settings; set it back or start a new run"
+                )
+        return edited
+
+    def write_summary(self, summary: dict[str, Any]) -> None:
+        """Writes summary.json."""
+        write_file(self.summary_file, (json.dumps(summary, indent=2) + "\n").encode())
+
+    def summary(self) -> dict[str, Any] | None:
+        """What the finished run reported; None if it has not finished."""
+        try:
+            summary: dict[str, Any] = json.loads(self.summary_file.read_bytes())
+        except (OSError, ValueError):
+            return None
+        return summary
+
+
+def config_from_tables(tables: dict[str, Any]) -> Config:
+    """The configuration that a checkpoint's record holds.
+
+    Raises:
+        UserError: A key or value is not of this version, or the world file has gone.
+    """
+    try:
+        return TypeAdapter(Config).validate_json(json.dumps(tables))
+    except ValidationError as error:
+        fault = error.errors()[0]
+        key = ".".join(str(part) for part in fault["loc"])
+        raise UserError(f"the checkpoint's {key} = {shown(fault['input'])}: {fault['msg']}") from None
+
+
+def _settings(config: Config) -> dict[str, Any]:
+    """Values by key path."""
+    return {f"{table}.{key}": value for table, values in asdict(config).items() for key, value in values.items()}

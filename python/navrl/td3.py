@@ -1,0 +1,367 @@
+"""TD3, with DDPG as its one-critic case (equations 9 and 10).
+
+    TD3(config, replay, seed=, dtype=torch.float32)
+        .update(count) -> UpdateMetrics            `count` updates; counted in .updates and .actor_updates
+        .act(encoded (N, inputs)) -> (N, 2)        the actor, which explores;  numpy in, numpy out
+        .policy -> Actor                           what is evaluated and kept: the averaged actor, or the actor itself
+        .policy_weights() -> dict[str, ndarray]    its tensors, copied, by the names of navrl.networks.Actor
+        .average_actor()                           once per vector step
+        .set_progress(fraction)                    share of the run that is over, for the step sizes
+        .state() -> dict[str, ndarray];  .restore(state)
+    target_bounds(config) -> (low, high)
+
+Determinism: the bits depend on the calls, the processor model, the builds and the thread count, not on how updates are
+grouped into calls. Making a TD3 leaves denormals flushed to zero in the calling thread and in threads started from it:
+the moments of dead units decay into numbers that are an order of magnitude slower otherwise.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import nan
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from navrl.config import Config, NetworksConfig
+from navrl.gradients import ActorPass, CriticPass, pack, unpack
+from navrl.networks import ACTIONS, Actor, TwinCritic, encoded_size, mirror_actions, mirror_encoded
+from navrl.replay import Arrays, NonFiniteError, Replay, row_width
+from navrl.streams import restore_stream, stream, stream_state
+
+SATURATED = 2.6466524
+"""|input of the actor's tanh| beyond which an output counts as saturated: |output| > 0.99, gradient under 0.02."""
+
+BLOCK = 64
+"""Most updates whose rows are gathered together; bounds the memory of a call."""
+
+
+@dataclass(frozen=True)
+class UpdateMetrics:
+    """Means over the updates of one call."""
+
+    critic_loss: float
+    """Mean squared error of the critics' values, summed over the critics."""
+    average_q: float
+    """Mean value of the sampled actions over batch and critics, scaled as rewards are."""
+    maximum_q: float
+    """Largest such value."""
+    actor_loss: float
+    """Minus the first critic's mean value of the actor's actions, plus the penalty; NaN without an actor step."""
+    saturated_share: float
+    """Share of the actor's outputs beyond 0.99 in size; NaN without an actor step."""
+
+
+class TD3:
+    """Networks, targets, optimisers and the update."""
+
+    def __init__(
+        self, config: Config, replay: Replay, *, seed: int | None = None, dtype: torch.dtype = torch.float32
+    ) -> None:
+        """Draws the first weights.
+
+        Args:
+            config: Networks, learner, rewards and the lidar's bins.
+            replay: Where batches come from; rows as wide as the encoding needs.
+            seed: Seed of all draws, `config.training.seed` if None.
+            dtype: Of networks and arithmetic; rows stay float32.
+
+        Raises:
+            ValueError: If the rows of `replay` have another width.
+        """
+        torch.set_flush_denormal(True)
+        self.config, self.replay, self.dtype = config.learner, replay, dtype
+        seed = config.training.seed if seed is None else seed
+        self.inputs = encoded_size(config.lidar.bins, config.networks.encoding)
+        if replay.width != row_width(self.inputs):
+            raise ValueError(f"replay has rows of {replay.width} columns, expected {row_width(self.inputs)}")
+        # DDPG is the one-critic case: no target noise, no minimum, an actor step with every update.
+        twin = self.config.algorithm == "td3"
+        self.policy_delay = self.config.policy_delay if twin else 1
+        self.policy_noise = self.config.policy_noise if twin else 0.0
+        self._build(config.networks, num_critics=2 if twin else 1, generator=stream(seed, "networks"))
+        self.bounds = target_bounds(config) if self.config.clip_targets else None
+        self._mirror = _row_mirror(config) if self.config.mirror else None
+        self._streams = {name: stream(seed, name) for name in ("replay_indices", "mirror", "target_noise")}
+        self.updates = 0
+        self.actor_updates = 0
+        self.progress = 0.0
+
+    def _build(self, networks: NetworksConfig, *, num_critics: int, generator: np.random.Generator) -> None:
+        """Makes networks, targets, optimisers and the memory of a batch."""
+        self.actor = Actor(self.inputs, networks, generator).to(self.dtype)
+        self.critic = TwinCritic(self.inputs, networks, generator, num_critics=num_critics).to(self.dtype)
+        self.actor_target, self.averaged_actor = copy.deepcopy(self.actor), copy.deepcopy(self.actor)
+        self.critic_target = copy.deepcopy(self.critic)
+        self._actor, self._critic = pack(self.actor), pack(self.critic)
+        self._averaged = pack(self.averaged_actor).detach()
+        self._online = [self._actor.detach(), self._critic.detach()]
+        self._targets = [pack(self.actor_target).detach(), pack(self.critic_target).detach()]
+        self.actor_optimizer = _adam(self._actor, self.config.actor_lr)
+        self.critic_optimizer = _adam(self._critic, self.config.critic_lr)
+        size = self.config.batch_size
+        self._actor_pass, self._actor_target_pass = ActorPass(self.actor, size), ActorPass(self.actor_target, size)
+        self._critic_pass = CriticPass(self.critic, size)
+        self._first_critic_pass = CriticPass(self.critic, size, critics=1)
+        self._critic_target_pass = CriticPass(self.critic_target, size)
+        # Every batch is copied to the same place, so that its bits never depend on where it was gathered.
+        self._rows = torch.empty(size, self.replay.width, dtype=self.dtype)
+        columns = torch.split(self._rows, [self.inputs, ACTIONS, self.inputs, 1, 1], dim=1)
+        self._observations, self._actions, self._successors = columns[:3]
+        self._returns, self._bootstrap = columns[3][:, 0], columns[4][:, 0]
+
+    @property
+    def policy(self) -> Actor:
+        """The averaged actor, or the actor itself where averaging is off."""
+        return self.averaged_actor if self.config.averaging_rate > 0 else self.actor
+
+    def policy_weights(self) -> dict[str, NDArray[np.float32]]:
+        """Copies of the policy's tensors, float32, by the names of `navrl.networks.Actor`."""
+        return {name: tensor.float().numpy().copy() for name, tensor in self.policy.state_dict().items()}
+
+    def act(self, encoded: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The actor's actions, without noise.
+
+        Args:
+            encoded: (N, inputs) encoded observations.
+
+        Returns:
+            (N, 2) float32 in [-1, 1].
+        """
+        with torch.no_grad():
+            actions: Tensor = self.actor(torch.tensor(encoded, dtype=self.dtype))
+        return actions.float().numpy()
+
+    def update(self, count: int) -> UpdateMetrics:
+        """Makes `count` updates.
+
+        Args:
+            count: Updates, at least 1.
+
+        Returns:
+            Their metrics.
+
+        Raises:
+            ValueError: If replay is empty.
+            NonFiniteError: If a loss or a parameter is NaN or infinite after the call. The networks are of no more use
+                then; what was saved before the call is sound, for every call before this one ended finite.
+        """
+        if self.replay.size == 0:
+            raise ValueError("no rows in replay to learn from")
+        errors, values, actor_losses, outputs = [], [], [], []
+        for rows, noise in self._batches(count):
+            self._rows.copy_(rows)
+            value, error = self._update_critics(self._target(noise))
+            values.append(value)
+            errors.append(error)
+            self.updates += 1
+            if self.updates % self.policy_delay == 0:
+                loss, output = self._update_actor()
+                actor_losses.append(loss)
+                outputs.append(output)
+                self.actor_updates += 1
+                # Eq. 10: theta' <- tau theta + (1 - tau) theta'
+                torch._foreach_lerp_(self._targets, self._online, self.config.tau)
+        self._refuse_non_finite(errors)
+        return _metrics(values, errors, actor_losses, outputs)
+
+    def _target(self, noise: Tensor) -> Tensor:
+        """The targets (B,) of the batch; `noise` (B, 2) is clip(N(0, sigma), +-c)."""
+        # Eq. 9: y = R + gamma^m (1 - terminated) min(Q1', Q2')(s', clip(mu'(s') + clip(N(0, sigma), +-c), +-1))
+        actions = torch.tanh(self._actor_target_pass.forward(self._successors)).add_(noise).clamp_(-1.0, 1.0)
+        value = self._critic_target_pass.forward(self._successors, actions).amin(0)
+        target = torch.addcmul(self._returns, self._bootstrap, value)
+        return target if self.bounds is None else target.clamp_(*self.bounds)
+
+    def _update_critics(self, target: Tensor) -> tuple[Tensor, Tensor]:
+        """One step of the critics; returns their values (num_critics, B) before it, and the errors."""
+        values = self._critic_pass.forward(self._observations, self._actions).clone()
+        error = values - target
+        # L = sum over the critics of the mean over the batch of (Q - y)^2, so dL/dQ = 2 (Q - y) / B
+        self._critic_pass.backward(error * (2.0 / len(target)))
+        self.critic_optimizer.step()
+        return values, error
+
+    def _update_actor(self) -> tuple[Tensor, Tensor]:
+        """One step of the actor; returns its loss () and the inputs of its tanh (B, 2) before it."""
+        penalty, size = self.config.pretanh_penalty, self.config.batch_size
+        outputs = self._actor_pass.forward(self._observations).clone()
+        actions = torch.tanh(outputs)
+        values = self._first_critic_pass.forward(self._observations, actions)
+        # L = mean of -Q1(s, mu(s)) + penalty * mean of z^2 with mu = tanh(z), where the penalty keeps tanh from
+        # saturating; so dL/dz = -dQ1/da (1 - mu^2) / B + penalty * z / B, with two outputs z a row
+        loss = penalty * outputs.square().mean() - values.mean()
+        gradient = self._first_critic_pass.action_gradient(torch.full_like(values, -1.0 / size))
+        gradient.mul_(1.0 - actions.square()).add_(outputs, alpha=penalty / size)
+        self._actor_pass.backward(gradient)
+        self.actor_optimizer.step()
+        return loss, outputs
+
+    def average_actor(self) -> None:
+        """Moves the averaged actor by `averaging_rate` of its way to the actor."""
+        if self.config.averaging_rate > 0:
+            self._averaged.lerp_(self._actor.detach(), self.config.averaging_rate)
+
+    def set_progress(self, fraction: float) -> None:
+        """Sets the step sizes: linear from full to `final_lr_fraction` over the run.
+
+        Args:
+            fraction: Share of the run that is over, in [0, 1].
+        """
+        self.progress = fraction
+        share = 1.0 - (1.0 - self.config.final_lr_fraction) * fraction
+        self.critic_optimizer.param_groups[0]["lr"] = self.config.critic_lr * share
+        self.actor_optimizer.param_groups[0]["lr"] = self.config.actor_lr * share
+
+    def _batches(self, count: int) -> Iterator[tuple[Tensor, Tensor]]:
+        """Draws `count` batches, `BLOCK` at a time: rows (B, width) and target noise (B, 2), float32."""
+        for first in range(0, count, BLOCK):
+            shape = (min(BLOCK, count - first), self.config.batch_size)
+            indices = self._streams["replay_indices"].integers(self.replay.size, size=shape)
+            rows = self.replay.sample(indices.ravel())
+            if self._mirror is not None:
+                mirrored = self._streams["mirror"].random(len(rows), np.float32) < 0.5
+                permutation, signs = self._mirror
+                rows[mirrored] = rows[mirrored][:, permutation] * signs
+            noise = self._target_noise((*shape, ACTIONS))
+            yield from zip(torch.from_numpy(rows.reshape(*shape, -1)), torch.from_numpy(noise), strict=True)
+
+    def _target_noise(self, shape: tuple[int, ...]) -> NDArray[np.float32]:
+        """Draws clip(N(0, policy_noise), +-noise_clip), or zeros where it is off."""
+        if self.policy_noise == 0.0:
+            return np.zeros(shape, np.float32)
+        noise: NDArray[np.float32] = self._streams["target_noise"].standard_normal(shape, np.float32)
+        noise *= self.policy_noise
+        return noise.clip(-self.config.noise_clip, self.config.noise_clip)
+
+    def _refuse_non_finite(self, errors: list[Tensor]) -> None:
+        """Raises NonFiniteError if an error of the critics or a parameter is NaN or infinite."""
+        norms = torch.stack(torch._foreach_norm([*errors, self._critic, self._actor]))
+        if not norms.isfinite().all():
+            first = self.updates - len(errors) + 1
+            names = [f"the critics' error in update {first + i}" for i in range(len(errors))]
+            bad = int(torch.nonzero(~norms.isfinite())[0, 0])
+            name = [*names, "a parameter of the critics", "a parameter of the actor"][bad]
+            raise NonFiniteError(f"{name} is not finite")
+
+    def state(self) -> Arrays:
+        """Everything that the next update depends on but replay: copies by name, for a bitwise continuation."""
+        arrays: Arrays = {name: tensor.numpy().copy() for name, tensor in self._tensors().items()}
+        arrays |= {f"streams.{name}": stream_state(generator) for name, generator in self._streams.items()}
+        counts = {"updates": self.updates, "actor_updates": self.actor_updates}
+        arrays |= {name: np.array(value, np.uint64) for name, value in counts.items()}
+        arrays["progress"] = np.array(self.progress, np.float64)
+        return arrays
+
+    def restore(self, state: Arrays) -> None:
+        """Puts back what `state` returned.
+
+        Args:
+            state: Arrays by name.
+
+        Raises:
+            ValueError: If an array is missing or of another shape, or a stream belongs to another seed; nothing has
+                changed then, unless a stream is at fault.
+        """
+        tensors = self._tensors()
+        for name, tensor in tensors.items():
+            saved = state[name].shape if name in state else None
+            if saved != tuple(tensor.shape):
+                raise ValueError(f"saved {name} has shape {saved}, this run needs {tuple(tensor.shape)}")
+        for name, generator in self._streams.items():
+            restore_stream(generator, state[f"streams.{name}"].astype(np.uint64))
+        for name, tensor in tensors.items():
+            tensor.copy_(torch.from_numpy(np.asarray(state[name])))
+        self.updates, self.actor_updates = int(state["updates"]), int(state["actor_updates"])
+        self.set_progress(float(state["progress"]))
+
+    def _tensors(self) -> dict[str, Tensor]:
+        """Parameters, Adam's moments and step counts by name; writing to them changes the learner."""
+        tensors: dict[str, Tensor] = {}
+        for kind in ("actor", "critic", "actor_target", "critic_target", "averaged_actor"):
+            network: nn.Module = getattr(self, kind)
+            tensors |= {f"{kind}.{name}": parameter.detach() for name, parameter in network.named_parameters()}
+        for kind, network, vector, optimizer in (
+            ("actor", self.actor, self._actor, self.actor_optimizer),
+            ("critic", self.critic, self._critic, self.critic_optimizer),
+        ):
+            state = optimizer.state[vector]
+            tensors[f"{kind}_adam.step"] = state["step"]
+            for moment in ("exp_avg", "exp_avg_sq"):
+                parts = unpack(state[moment], network)
+                tensors |= {f"{kind}_adam.{moment}.{name}": part for name, part in parts.items()}
+        return tensors
+
+
+def target_bounds(config: Config) -> tuple[float, float]:
+    """Bounds of an episode's discounted, scaled return that the reward settings imply.
+
+    A step that does not end the episode earns between -omega_max - 1/2 (turning in place at an obstacle, equations 3
+    and 5) and v_max, or -1 and 1/2 in the form "halves", and the progress of one straight step either way. After k such
+    steps a goal or a collision may follow, with the same progress, and the goal's delayed reward (equation 4); with k
+    at most the time limit, the extremes lie at k = 0 or at the end, for each further step changes the sum by gamma^k
+    times a constant.
+
+    Args:
+        config: Robot, task, reward and learner.
+
+    Returns:
+        (low, high), scaled by `reward_scale`.
+    """
+    robot, reward, learner = config.robot, config.reward, config.learner
+    halves = reward.form == "halves"
+    progress = reward.progress * robot.v_max * config.task.period
+    best = (0.5 if halves else robot.v_max) + progress
+    worst = (-0.5 if halves else -robot.omega_max) - 0.5 - progress
+    steps = round(config.task.time_limit / config.task.period)
+    delayed = reward.goal * sum(1.0 / i for i in range(1, learner.delayed_steps + 1))
+    goal = reward.goal + delayed + progress
+    collision = reward.collision - progress
+
+    def discounted(step: float, end: float, count: int) -> float:
+        # sum over k < count of gamma^k step, then gamma^count end
+        return step * (1.0 - learner.gamma**count) / (1.0 - learner.gamma) + learner.gamma**count * end
+
+    high = max(goal, discounted(best, goal, steps - 1), discounted(best, 0.0, steps))
+    low = min(collision, discounted(worst, collision, steps - 1), discounted(worst, 0.0, steps))
+    return learner.reward_scale * low, learner.reward_scale * high
+
+
+def _row_mirror(config: Config) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+    """Permutation and signs (width,) of a row of replay: both observations and the action; the rest stays."""
+    encoded = mirror_encoded(config.lidar.bins, config.networks.encoding)
+    parts = [encoded, mirror_actions(), encoded]
+    offsets = np.cumsum([0, *(len(part.signs) for part in parts)])
+    rest = np.arange(offsets[-1], offsets[-1] + 2)
+    permutation = [part.permutation + offset for part, offset in zip(parts, offsets, strict=False)]
+    signs = [part.signs for part in parts]
+    return np.concatenate([*permutation, rest]), np.concatenate([*signs, np.ones(2, np.float32)])
+
+
+def _adam(vector: nn.Parameter, lr: float) -> torch.optim.Adam:
+    """Adam whose moments exist from the start, so that a saved state has the same names at any time."""
+    optimizer = torch.optim.Adam([vector], lr=lr, fused=True)
+    optimizer.state[vector] = {
+        "step": torch.zeros((), dtype=torch.float32),
+        "exp_avg": torch.zeros_like(vector),
+        "exp_avg_sq": torch.zeros_like(vector),
+    }
+    return optimizer
+
+
+def _metrics(
+    values: list[Tensor], errors: list[Tensor], actor_losses: list[Tensor], outputs: list[Tensor]
+) -> UpdateMetrics:
+    """Metrics of one call: per update the critics' values and errors (num_critics, B), per actor step the rest."""
+    all_values, no_actor_step = torch.stack(values), not actor_losses
+    return UpdateMetrics(
+        critic_loss=float(torch.stack(errors).square().mean(2).sum(1).mean()),
+        average_q=float(all_values.mean()),
+        maximum_q=float(all_values.max()),
+        actor_loss=nan if no_actor_step else float(torch.stack(actor_losses).mean()),
+        saturated_share=nan if no_actor_step else float((torch.stack(outputs).abs() > SATURATED).double().mean()),
+    )
