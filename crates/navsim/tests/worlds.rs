@@ -1,11 +1,10 @@
 //! Drawn episodes are fair: checked by geometry of the test's own.
 #![allow(clippy::unwrap_used)]
-
-use navsim::config::WorldConfig;
+use navsim::config::{CollisionRule, TaskConfig, WorldConfig};
 use navsim::error::Error;
 use navsim::rng::{Purpose, Split, Stream, StreamName};
 use navsim::robot::Footprint;
-use navsim::world::{Generator, Layout, Shape};
+use navsim::world::{Generator, Layout, Scenario, Shape};
 use std::collections::{BinaryHeap, HashSet};
 
 fn world(name: &str, boxes: usize) -> WorldConfig {
@@ -21,9 +20,24 @@ fn world(name: &str, boxes: usize) -> WorldConfig {
 
 const DISC: Footprint = Footprint::Disc { radius: 0.25 };
 
+/// The world of a file with this text.
+fn from_file(name: &str, text: &str) -> Generator {
+    let path = std::env::temp_dir().join(format!("navsim-{name}-{}.json", std::process::id()));
+    std::fs::write(&path, text).unwrap();
+    let generator = Generator::new(&world(path.to_str().unwrap(), 8), &DISC);
+    std::fs::remove_file(&path).unwrap();
+    generator.unwrap()
+}
+
 fn draw(generator: &Generator, seed: u64, index: u32, episode: u64, layout: &mut Layout) -> Result<(), Error> {
     let name = StreamName::new(seed, Purpose::World, Split::Train, index, episode);
     generator.draw(&mut Stream::new(name), episode, layout)
+}
+
+fn as_scenario(generator: &Generator, layout: &Layout) -> Scenario {
+    let (collision, sensor_range) = (CollisionRule::Footprint, 0.35);
+    let task = TaskConfig { period: 0.1, time_limit: 50.0, goal_radius: 0.3, collision, sensor_range };
+    generator.scenario(layout.start, layout.goal, &layout.moved, &task)
 }
 
 /// Resets per world: 20,000, or 1,000,000 with NAVRL_FULL=1.
@@ -178,4 +192,135 @@ fn boxes_is_fair() {
 fn open8_is_fair() {
     let rules = Rules { clearance: 0.4, goal_distance: 1.0, box_distance: 0.0, half_area: 4.6, apart: false };
     check_resets(&world("open8", 8), &rules);
+}
+
+#[test]
+fn td3_has_the_published_geometry() {
+    let generator = Generator::new(&world("td3", 8), &DISC).unwrap();
+    let obstacles = generator.static_obstacles();
+    assert_eq!(obstacles.len(), 18);
+    let solids: Vec<Solid> = generator.static_shapes().iter().map(Solid::new).collect();
+    for (point, expected) in [
+        // The free square of 10.7 m: inner faces at 5.35.
+        ([0.0, 5.0], 0.35),
+        ([-5.0, -5.0], 0.35),
+        ([5.0, 0.0], 0.35),
+        // The lower right corner of the cross's flat arm: (-2.152 + 1.25, 1.857 - 0.075).
+        ([0.0, 0.0], 0.902f64.hypot(1.782)),
+        // Left and right of the upright arms of the cross and of the L.
+        ([-1.5, 0.9], 2.155 - 0.075 - 1.5),
+        ([4.0, -1.0], 4.0 - 3.206 - 0.075),
+        // Below the hydrant, above the bookshelf and the table.
+        ([-4.572, 3.851], 0.5),
+        ([4.784, -3.43], 0.3),
+        ([-4.342, 0.367], 0.5),
+        // Within the closed block, 2.6 - 2.214 below its middle.
+        ([2.7, 2.6], 2.6 - 2.214 - 0.075),
+    ] {
+        let exact = clearance(point, &solids);
+        assert!((exact - expected).abs() < 1e-9, "{point:?}: {exact}");
+        assert!((f64::from(obstacles.distance(point, 10.0)) - exact).abs() < 1e-5);
+    }
+}
+
+#[test]
+fn rooms_that_trap_the_robot_are_never_drawn() {
+    // A robot so small that it would fit into the closed block and the triangle of td3.
+    let generator = Generator::new(&world("td3", 8), &Footprint::Disc { radius: 0.02 }).unwrap();
+    let solids: Vec<Solid> = generator.static_shapes().iter().map(Solid::new).collect();
+    // A closed room of 2 m beside a corridor twice as large, both wide enough for start and goal.
+    let text = r#"{"area": [0, 0, 6, 2], "segments": [[0,0,6,0],[6,0,6,2],[6,2,0,2],[0,2,0,0],[2,0,2,2]]}"#;
+    let rooms = from_file("rooms", text);
+    let mut layout = Layout::default();
+    for episode in 0..2000 {
+        draw(&rooms, 3, 0, episode, &mut layout).unwrap();
+        for [x, y] in [[layout.start.x, layout.start.y], layout.goal] {
+            assert!((2.3..=5.7).contains(&x) && (0.3..=1.7).contains(&y), "{x} {y}");
+        }
+        draw(&generator, 3, 0, episode, &mut layout).unwrap();
+        assert!(is_reachable([layout.start.x, layout.start.y], layout.goal, &solids));
+    }
+}
+
+#[test]
+fn the_name_of_a_stream_decides_everything() {
+    for name in ["td3", "boxes", "open8"] {
+        let generator = Generator::new(&world(name, 8), &DISC).unwrap();
+        let (mut fresh, mut used) = (Layout::default(), Layout::default());
+        for episode in 0..50 {
+            draw(&generator, 4, 2, episode + 1000, &mut used).unwrap();
+            draw(&generator, 4, 2, episode, &mut used).unwrap();
+            draw(&generator, 4, 2, episode, &mut fresh).unwrap();
+            let scenario = as_scenario(&generator, &fresh);
+            assert_eq!(scenario, as_scenario(&generator, &used));
+            scenario.check(&DISC).unwrap();
+            for (seed, index, other) in [(5, 2, episode), (4, 3, episode), (4, 2, episode + 1)] {
+                draw(&generator, seed, index, other, &mut used).unwrap();
+                assert_ne!(scenario.start, used.start);
+                assert_ne!(scenario.goal, used.goal);
+                assert_ne!(fresh.moved, used.moved);
+            }
+        }
+    }
+}
+
+#[test]
+fn goals_move_away_as_episodes_pass() {
+    let mut config = world("td3", 8);
+    (config.goal_range_start, config.goal_range_growth, config.goal_range_max) = (1.0, 0.01, 3.0);
+    let generator = Generator::new(&config, &DISC).unwrap();
+    let mut layout = Layout::default();
+    for (episode, range) in [(0, 1.0), (100, 2.0), (200, 3.0), (100_000, 3.0)] {
+        let mut farthest: f64 = 0.0;
+        for index in 0..1000 {
+            draw(&generator, 0, index, episode, &mut layout).unwrap();
+            let (dx, dy) = (layout.goal[0] - layout.start.x, layout.goal[1] - layout.start.y);
+            farthest = farthest.max(dx.abs()).max(dy.abs());
+        }
+        assert!(farthest <= range && farthest > 0.9 * range, "{episode}: {farthest}");
+    }
+    config.goal_range_start = 0.7;
+    let Err(Error::Setting { key, .. }) = Generator::new(&config, &DISC) else { panic!("accepted") };
+    assert_eq!(key, "world.goal_range_start");
+}
+
+#[test]
+fn a_full_world_is_refused_after_bounded_tries() {
+    // Start and goal fit into the room of 4 m, but no box of 3.5 m beside them.
+    let walls = "[[0,0,4,0],[4,0,4,4],[4,4,0,4],[0,4,0,0]]";
+    let boxes = r#"{"count": 1, "sides": [3.5, 3.5], "clearance": 1}"#;
+    let text = format!(r#"{{"area": [0, 0, 4, 4], "segments": {walls}, "random_boxes": {boxes}}}"#);
+    let error = draw(&from_file("full", &text), 0, 0, 0, &mut Layout::default()).unwrap_err();
+    assert!(error.to_string().contains("no place for obstacle 1 of 1 with 1.000 m"), "{error}");
+    assert!(matches!(&error, Error::WorldTooFull { tries: 1000, .. }), "{error}");
+    let message = Generator::new(&world("boxes", 8), &Footprint::Disc { radius: 5.0 }).unwrap_err().to_string();
+    assert!(message.contains("wider than the free space") && message.contains("radius 5.000 m + 0.05 m"), "{message}");
+    assert!(!message.contains('\n'));
+}
+
+#[test]
+fn larger_robots_get_larger_clearances() {
+    let footprint = Footprint::Rectangle { length: 1.2, width: 0.5 };
+    let generator = Generator::new(&world("td3", 8), &footprint).unwrap();
+    let mut layout = Layout::default();
+    for episode in 0..500 {
+        draw(&generator, 0, 0, episode, &mut layout).unwrap();
+        let scenario = as_scenario(&generator, &layout);
+        let solids: Vec<Solid> = scenario.shapes.iter().map(Solid::new).collect();
+        assert!(clearance([layout.start.x, layout.start.y], &solids) >= 0.65 + 0.05);
+        assert!(clearance(layout.goal, &solids) >= 0.65 + 0.05);
+        scenario.check(&footprint).unwrap();
+    }
+}
+
+#[test]
+fn yaw_of_the_boxes_can_be_fixed() {
+    let config = WorldConfig { random_yaw: false, ..world("td3", 8) };
+    let generator = Generator::new(&config, &DISC).unwrap();
+    let mut layout = Layout::default();
+    draw(&generator, 0, 0, 0, &mut layout).unwrap();
+    assert_eq!(layout.moved.len(), 4);
+    for shape in &layout.moved {
+        assert!(matches!(shape, Shape::Box { yaw: 0.0, length: 0.5, width: 0.4, .. }), "{shape:?}");
+    }
 }

@@ -57,6 +57,7 @@ fn squared_distance_to_edge(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
 
 impl Rounded {
     /// Squared distance (m^2) from the point at `offset` from the centre to the box without its rounding.
+    #[inline]
     fn squared_core_distance(&self, offset: [f64; 2]) -> f64 {
         let along = (self.cos * offset[0] + self.sin * offset[1]).abs() - self.half_length;
         let across = (self.cos * offset[1] - self.sin * offset[0]).abs() - self.half_width;
@@ -111,6 +112,7 @@ impl Solid {
     }
 
     /// Squared distance (m^2) from `point` to the shape without its rounding, 0 inside.
+    #[inline]
     fn squared_core_distance(&self, point: [f64; 2]) -> f64 {
         match &self.form {
             Form::Rounded(rounded) => {
@@ -133,6 +135,7 @@ impl Solid {
     }
 
     /// Whether the shape lies nearer to `point` than `limit` (m, > 0).
+    #[inline]
     pub fn is_nearer(&self, point: [f64; 2], limit: f64) -> bool {
         let limit = limit + self.rounding();
         self.squared_core_distance(point) < limit * limit

@@ -252,7 +252,7 @@ impl Generator {
         let widest = places.fold(0.0, |widest: f64, point| widest.max(self.solids.distance(point)));
         Err(Error::Scenario(format!(
             "world '{}': the robot is wider than the free space: start and goal need {needed:.3} m of clearance (radius \
-             {:.3} m + {MARGIN} m), the widest place in the area has about {widest:.3} m",
+             {:.3} m + {MARGIN} m and a little for the grid), the widest place in the area has about {widest:.3} m",
             self.name,
             self.radius - MARGIN
         )))

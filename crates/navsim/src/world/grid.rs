@@ -53,8 +53,8 @@ impl Grid {
 
     /// All cells free.
     pub fn all(&self) -> Vec<u64> {
-        let last = if self.columns.is_multiple_of(64) { u64::MAX } else { (1 << (self.columns % 64)) - 1 };
-        (0..self.rows * self.words).map(|i| if (i + 1) % self.words == 0 { last } else { u64::MAX }).collect()
+        let last = u64::MAX >> (self.words * 64 - self.columns);
+        (0..self.rows * self.words).map(|i| if i % self.words == self.words - 1 { last } else { u64::MAX }).collect()
     }
 
     /// Clears the cells whose centre is nearer to `solid` than `inflation` (m); unless `exact`, corners of the grown
