@@ -16,6 +16,7 @@ from navrl.scenarios import (
     ScenarioError,
     hash_scenarios,
     load_list,
+    measure_lengths,
     read_list,
     robot_radius,
     shortest_lengths,
@@ -100,7 +101,7 @@ def test_the_lengths_that_ship_are_those_of_the_lists(world: WorldConfig, monkey
         lists = [load_list(sim, name) for name in LIST_SIZES]
     for drawn in lists:
         checked = range(0, len(drawn), every)
-        computed = shortest_lengths([drawn.scenarios[i] for i in checked], robot_radius(sim), num_threads=2)
+        computed = measure_lengths([drawn.scenarios[i] for i in checked], robot_radius(sim), num_threads=2)
         np.testing.assert_allclose(drawn.shortest[::every], computed, rtol=1e-6)
 
 

@@ -126,13 +126,12 @@ class Checkpoints:
     """The checkpoints of a run, for the one process that holds the run's lock."""
 
     def __init__(self, folder: Path) -> None:
-        """Makes the folder if missing and removes what a crash left incomplete.
+        """Removes what a crash left incomplete.
 
         Args:
-            folder: Folder of all checkpoints of the run.
+            folder: Folder of all checkpoints of the run; the first checkpoint makes it.
         """
         self.folder = folder
-        (folder / ROWS).mkdir(parents=True, exist_ok=True)
         self._remove_leftovers()
         self._chunks: dict[int, Sequence[Chunk]] = {}
         for number in self.numbers():
@@ -145,7 +144,7 @@ class Checkpoints:
 
     def numbers(self) -> list[int]:
         """Numbers of the complete checkpoints, oldest first."""
-        return sorted(int(path.name) for path in self.folder.iterdir() if path.name.isdigit())
+        return sorted(int(path.name) for path in _entries(self.folder) if path.name.isdigit())
 
     def newest(self) -> Saved:
         """Reads the newest checkpoint.
@@ -193,6 +192,7 @@ class Checkpoints:
         number = max(self.numbers(), default=-1) + 1
         pending = self.folder / (PENDING + _name(number))
         try:
+            (self.folder / ROWS).mkdir(parents=True, exist_ok=True)
             chunks = self._write_rows(replay)
             pending.mkdir()
             state = save({name: np.asarray(array, order="C") for name, array in arrays.items()})
@@ -244,14 +244,19 @@ class Checkpoints:
         if set(self._chunks) != set(self.numbers()):
             return  # a manifest could not be read
         used = {chunk.file for chunks in self._chunks.values() for chunk in chunks}
-        for path in (self.folder / ROWS).iterdir():
+        for path in _entries(self.folder / ROWS):
             if f"{ROWS}/{path.name}" not in used:
                 path.unlink()
 
     def _remove_leftovers(self) -> None:
-        for path in [*self.folder.iterdir(), *(self.folder / ROWS).iterdir()]:
+        for path in [*_entries(self.folder), *_entries(self.folder / ROWS)]:
             if path.name.startswith((PENDING, REMOVED)):
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def _entries(folder: Path) -> list[Path]:
+    """What is in a folder; nothing if there is none."""
+    return list(folder.iterdir()) if folder.is_dir() else []
 
 
 def _name(number: int) -> str:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -86,9 +87,10 @@ class MetricsLog:
         return self._csv.tell()
 
     def close(self) -> None:
-        """Closes both files."""
-        self._csv.close()
-        self._events.close()
+        """Closes both files; what a full disk has not taken is lost, as the error that told of it said."""
+        for file in (self._csv, self._events):
+            with suppress(OSError):
+                file.close()
 
 
 def _shown(name: str, row: Row) -> bool:

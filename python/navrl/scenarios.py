@@ -194,16 +194,31 @@ def shortest_lengths(scenarios: Sequence[Scenario], radius: float, *, num_thread
     keys = {i: _cache_key(s, radius) for i, s in enumerate(scenarios) if i not in lengths}
     known = length_cache.read(keys.values())
     missing = [i for i, key in keys.items() if key not in known]
-
-    def measure(i: int) -> float:
-        length = _navsim.shortest_path(scenarios[i], radius)
-        return math.inf if length is None else length
-
-    with ThreadPoolExecutor(num_threads) as pool:
-        computed = {keys[i]: length for i, length in zip(missing, pool.map(measure, missing), strict=True)}
+    measured = measure_lengths([scenarios[i] for i in missing], radius, num_threads=num_threads)
+    computed = {keys[i]: length for i, length in zip(missing, measured.tolist(), strict=True)}
     length_cache.write(computed)
     known |= computed
     return np.array([lengths[i] if i in lengths else known[keys[i]] for i in range(len(scenarios))], np.float64)
+
+
+def measure_lengths(scenarios: Sequence[Scenario], radius: float, *, num_threads: int) -> NDArray[np.float64]:
+    """Shortest paths of a disc, computed.
+
+    Args:
+        scenarios: Start, goal and obstacles of each.
+        radius: Radius of the disc, metres.
+        num_threads: Threads that compute.
+
+    Returns:
+        (scenarios,) lengths to the goal circle, metres; infinity where the goal cannot be reached.
+    """
+
+    def measure(scenario: Scenario) -> float:
+        length = _navsim.shortest_path(scenario, radius)
+        return math.inf if length is None else length
+
+    with ThreadPoolExecutor(num_threads) as pool:
+        return np.fromiter(pool.map(measure, scenarios), np.float64, len(scenarios))
 
 
 def _cache_key(scenario: Scenario, radius: float) -> str:
@@ -236,7 +251,7 @@ def write_shipped_lengths(folder: Path, *, num_threads: int) -> None:
         sim = SimConfig(world=world)
         for name, size in LIST_SIZES.items():
             drawn = draw_list(sim, name, size)
-            lengths = shortest_lengths(drawn, robot_radius(sim), num_threads=num_threads)
+            lengths = measure_lengths(drawn, robot_radius(sim), num_threads=num_threads)
             file = _shipped_file(folder, sim, name, hash_scenarios(drawn))
             content = io.BytesIO()
             np.save(content, lengths.astype(np.float32), allow_pickle=False)

@@ -19,6 +19,7 @@ import torch
 
 from navrl.config import Config
 from navrl.environment import available_memory, cores
+from navrl.errors import UserError
 from navrl.evaluate import evaluate
 from navrl.interrupt import Interrupted, Interruption
 from navrl.metrics import Scores
@@ -121,9 +122,13 @@ class _Training:
             where = f"after {run.counts.steps:,} steps and {run.learner.updates:,} updates"
             kept = f"the last checkpoint in {run.folder.checkpoints} is sound"
             raise NonFiniteError(f"training stopped {where}: {error}; {kept}") from None
+        except OSError as error:
+            kept = f"the last checkpoint in {run.folder.checkpoints} is complete"
+            raise UserError(f"{error.filename or run.folder.path}: {error.strerror}; {kept}") from error
         finally:
             self.monitor.close()
             self.log.close()
+            torch.set_flush_denormal(False)
 
     def _loop(self) -> None:
         """Makes one move after the other until the run has ended."""

@@ -101,6 +101,7 @@ impl Stream {
         Self { name, position: 0, words: [0; 4], used: 4 }
     }
 
+    #[inline]
     fn next_word(&mut self) -> u32 {
         if self.used == 4 {
             self.words = self.name.block(self.position);
