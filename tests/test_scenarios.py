@@ -22,7 +22,7 @@ from navrl.scenarios import (
     shortest_lengths,
 )
 
-ALL = os.environ.get("NAVRL_FULL_TESTS") == "1"
+ALL = os.environ.get("NAVRL_FULL") == "1"
 """Whether to run the full counts."""
 
 
