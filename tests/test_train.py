@@ -34,7 +34,7 @@ from navrl.policy import Policy
 from navrl.replay import NonFiniteError, Replay, row_width
 from navrl.run import Run
 from navrl.run_folder import RunFolder
-from navrl.scenarios import ScenarioList
+from navrl.scenarios import ScenarioList, load_list
 from navrl.td3 import TD3, UpdateMetrics
 from navrl.train import Interrupted, resume, train
 from navrl.training_metrics import CLOCKED
@@ -400,7 +400,7 @@ def test_a_full_disk_stops_the_run_in_one_line(
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root may mount a small disk")
-@pytest.mark.parametrize("size_kb", [500, 700, 1000])
+@pytest.mark.parametrize("size_kb", [300, 400, 500])
 def test_a_disk_that_fills_up_loses_nothing_but_time(
     whole: dict[str, dict[str, Any]], tmp_path: Path, size_kb: int
 ) -> None:
@@ -662,3 +662,21 @@ def test_simulator_threads_never_change_results(tmp_path: Path) -> None:
     one, two = outcome(tmp_path / "1"), outcome(tmp_path / "2")
     assert one["summary"].pop("threads") != two["summary"].pop("threads")
     assert_same(one, two)
+
+
+# Learning
+
+LEARNING_FLOOR = 0.75
+"""Success on 300 unseen scenarios. Seeds 0 to 5 gave 0.943, 0.870, 0.927, 0.897, 0.943, 0.930 (2-core AMD EPYC)."""
+
+
+def test_training_learns_to_drive(tmp_path: Path) -> None:
+    settings = {"steps": "120000", "updates_per_step": "8.0"}
+    chosen = [Option("test", f"training.{key}", text) for key, text in settings.items()]
+    config = load_config(options=[*chosen, Option("test", "validation.scenarios", "100")])
+    train(config, tmp_path / "run", test=False)
+    scores = evaluate(load_policy(tmp_path / "run"), load_list(config.sim, "test", count=300), sim=config.sim).summary
+    assert scores.success_rate >= LEARNING_FLOOR
+    assert scores.collision_rate <= 0.1
+    # Turning in place for ever would show here, and a policy that is not what was trained.
+    assert scores.spl >= 0.4
