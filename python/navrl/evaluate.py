@@ -9,7 +9,6 @@ names its lidar noise: a result depends neither on threads nor on how many scena
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 from navrl.batch import BatchSim, Scenario
 from navrl.config import SimConfig
 from navrl.durable import write_file
+from navrl.environment import cores
 from navrl.metrics import OUTCOMES, RUNNING, Episode, Scores, summarize
 from navrl.policy_description import PolicyDescription, PolicyError
 from navrl.scenarios import ScenarioList, hash_scenarios, load_list, robot_radius, shortest_lengths
@@ -97,7 +97,7 @@ def evaluate(
         sim = description.sim_config()
     elif isinstance(description, PolicyDescription):
         check_fits(description, sim)
-    threads = num_threads or available_cores()
+    threads = num_threads or cores()
     if isinstance(scenarios, str):
         scenarios = load_list(sim, scenarios, num_threads=threads)
     elif not isinstance(scenarios, ScenarioList):
@@ -183,11 +183,6 @@ def _episodes(simulator: BatchSim, scenarios: ScenarioList, period: float) -> li
         )
         for index, (outcome, steps, path, total_return, clearance, shortest) in enumerate(records)
     ]
-
-
-def available_cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def print_scores(scores: Scores, policy: str, world: str, console: Console) -> None:

@@ -15,7 +15,6 @@ from __future__ import annotations
 import hashlib
 import io
 import math
-import os
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -30,6 +29,7 @@ from navrl import _navsim, length_cache
 from navrl.batch import Scenario, config_json, draw_list
 from navrl.config import SimConfig, WorldConfig
 from navrl.durable import write_file
+from navrl.environment import cores
 from navrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -263,4 +263,6 @@ def write_shipped_lengths(folder: Path, *, num_threads: int) -> None:
 
 
 if __name__ == "__main__":
-    write_shipped_lengths(Path(sys.argv[1]), num_threads=len(os.sched_getaffinity(0)))
+    if len(sys.argv) != 2:
+        sys.exit("usage: python -m navrl.scenarios FOLDER")
+    write_shipped_lengths(Path(sys.argv[1]), num_threads=cores())
