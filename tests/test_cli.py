@@ -286,22 +286,3 @@ def test_the_public_names_load_without_torch() -> None:
         "from navrl import BatchSim, SimConfig, Scenario, load_policy, evaluate; print('fine')"
     )
     assert done.stdout == "fine\n", done.stderr
-
-
-@pytest.mark.parametrize("order", ["navrl, gymnasium", "gymnasium, navrl"])
-def test_gymnasium_knows_the_environments_after_importing_navrl(order: str) -> None:
-    done = python(
-        f"import {order}\n"
-        "environment = gymnasium.make('navrl/TD3World-v0')\n"
-        "print(environment.reset(seed=0)[0].shape, gymnasium.__spec__.loader is gymnasium.__loader__)"
-    )
-    assert done.stdout == "(24,) True\n", done.stderr
-
-
-def test_looking_for_gymnasium_does_not_import_it() -> None:
-    done = python(
-        "import sys, navrl, importlib.util\n"
-        "print(importlib.util.find_spec('gymnasium').name, 'gymnasium' in sys.modules)\n"
-        "import gymnasium; print(any(name.startswith('navrl/') for name in gymnasium.registry))"
-    )
-    assert done.stdout == "gymnasium False\nTrue\n", done.stderr

@@ -46,8 +46,8 @@ def test_ids_make_their_worlds() -> None:
         assert (vector.config.world.name, vector.num_envs) == (world, 3)
 
 
-def test_ids_are_known_after_importing_navrl_in_either_order() -> None:
-    for imports in ("import gymnasium, navrl", "import navrl, gymnasium"):
+def test_ids_are_known_after_importing_the_environments_in_either_order() -> None:
+    for imports in ("import gymnasium, navrl.env", "import navrl.env, gymnasium"):
         code = f"{imports}; gymnasium.make('navrl/Boxes-v0').reset(seed=0)"
         subprocess.run([sys.executable, "-c", code], check=True)
 

@@ -1,15 +1,13 @@
 """navrl trains a mobile robot with a lidar to reach goals without collisions.
 
 The public names below load on first use, so that `navrl --help` answers at once and evaluation never loads torch.
-Its environments are known to Gymnasium from the import on, as `navrl/TD3World-v0` and others.
+`import navrl.env` makes its environments known to Gymnasium, as `navrl/TD3World-v0` and others.
 """
 
 import sys
 from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
-
-from navrl.registration_on_import import register_environments
 
 if TYPE_CHECKING:
     from navrl.batch import BatchSim, Scenario
@@ -41,7 +39,6 @@ class _Package(ModuleType):
 
 
 sys.modules[__name__].__class__ = _Package
-register_environments()
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 - the public names differ in type

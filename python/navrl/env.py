@@ -25,8 +25,9 @@ from numpy.typing import NDArray
 
 from navrl.batch import BatchSim
 from navrl.config import SimConfig
-from navrl.registration import register as register
 
+WORLDS_BY_ID = {"navrl/TD3World-v0": "td3", "navrl/Boxes-v0": "boxes", "navrl/Open8-v0": "open8"}
+"""World of each registered environment."""
 GOAL = 1
 """Outcome of an episode that reached its goal."""
 DISTANCE_MAX = 2000.0 * math.sqrt(2.0)
@@ -331,3 +332,18 @@ def _vector_infos(simulator: BatchSim, known: Mask) -> dict[str, Any]:
     outcome = simulator.outcome.copy()
     infos: dict[str, Any] = {"outcome": outcome, "is_success": outcome == GOAL}
     return infos | {f"_{key}": known.copy() for key in infos}
+
+
+def _register() -> None:
+    """Makes the environments known to Gymnasium, once."""
+    for environment_id, world in WORLDS_BY_ID.items():
+        if environment_id not in gymnasium.registry:
+            gymnasium.register(
+                id=environment_id,
+                entry_point="navrl.env:NavigationEnv",
+                vector_entry_point="navrl.env:NavigationVectorEnv",
+                kwargs={"world": world},
+            )
+
+
+_register()
