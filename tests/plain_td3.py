@@ -1,4 +1,4 @@
-"""A small learner to test, and TD3 written plainly: separate networks, Adam as its paper prints it, loops over the batch."""
+"""A small learner to test, and TD3 written plainly: networks apart, Adam as its paper prints it, loops over batches."""
 
 from __future__ import annotations
 
@@ -36,6 +36,7 @@ def made_up_replay(config: Config, rows: int = 50) -> Replay:
 
 
 def small_learner(config: Config, dtype: torch.dtype = torch.float32) -> TD3:
+    """A learner of its own made-up rows."""
     return TD3(config, made_up_replay(config), seed=SEED, dtype=dtype)
 
 
