@@ -75,6 +75,7 @@ class Layer:
         outputs, inputs = weight.shape[-2:]
         self.weight, self._weight_gradient = _stacked(weight, (-1, outputs, inputs), networks)
         self.bias, self._bias_gradient = _stacked(bias, (-1, 1, outputs), networks)
+        self._weight_transposed = self.weight.transpose(1, 2)
         self.trained, self.relu = weight.requires_grad, relu
         self.output = weight.new_empty(networks, batch_size, outputs)
         self._input_gradient = weight.new_empty(networks, batch_size, inputs)
@@ -91,7 +92,7 @@ class Layer:
             (C, B, out).
         """
         self._inputs = inputs
-        torch.baddbmm(self.bias if addend is None else addend, inputs, self.weight.transpose(1, 2), out=self.output)
+        torch.baddbmm(self.bias if addend is None else addend, inputs, self._weight_transposed, out=self.output)
         return self.output.relu_() if self.relu else self.output
 
     def through_relu(self, gradient: Tensor) -> Tensor:
