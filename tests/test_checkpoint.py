@@ -12,6 +12,7 @@ from typing import Any, ParamSpec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from safetensors.numpy import load
 
 from navrl import checkpoint, durable
 from navrl.checkpoint import CheckpointError, Checkpoints
@@ -19,7 +20,7 @@ from navrl.replay import Replay
 
 P = ParamSpec("P")
 WIDTH = 7
-ARRAYS = {
+ARRAYS: dict[str, NDArray[Any]] = {
     "weights": np.array([[1.5, -0.0], [np.float32(1e-42), 3e38]], np.float32),
     "stream": np.array([2**64 - 1, 0, 12345678901234567890], np.uint64),
     "count": np.array(7, np.int64),
@@ -94,7 +95,7 @@ def test_a_checkpoint_writes_only_the_rows_that_are_new(tmp_path: Path) -> None:
     after = {path: path.stat().st_ino for path in (tmp_path / "rows").iterdir()}
     assert before.items() <= after.items()
     (new,) = after.keys() - before.keys()
-    assert checkpoint.load(new.read_bytes())["rows"].tobytes() == rows(40, 5).tobytes()
+    assert load(new.read_bytes())["rows"].tobytes() == rows(40, 5).tobytes()
 
 
 def test_nothing_new_writes_no_rows(tmp_path: Path) -> None:

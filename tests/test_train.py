@@ -126,7 +126,7 @@ class Cut(interrupt.Interruption):
     moves_left = 0
 
     @property
-    def requested(self) -> bool:  # type: ignore[override]
+    def requested(self) -> bool:
         Cut.moves_left -= 1
         return Cut.moves_left < 0
 

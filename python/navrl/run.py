@@ -186,7 +186,8 @@ class Run:
         self.limits = Limits(**record["limits"])
         self.clock = RunClock(record["clock"])
         if record["best"] is not None:
-            scores = {k: tuple(v) if isinstance(v, list) else v for k, v in record["best"]["scores"].items()}
+            scores: dict[str, Any] = record["best"]["scores"]
+            scores |= {key: tuple(value) for key, value in scores.items() if isinstance(value, list)}
             weights = {name: array.astype(np.float32) for name, array in _under("best", arrays).items()}
             self.best = Best(record["best"]["steps"], Scores(**scores), weights)
         self.log_from = ResumePoint(record["log_bytes"], self.counts.last_row)
