@@ -1,8 +1,8 @@
 //! Which points are cut off from a start: exact, and much faster than a search that fails.
 //!
 //! Grown shapes are convex, so two that overlap are joined by a line within both. A start is cut off from an end just
-//! if some closed chain of overlapping shapes goes round one of them and not round the other an odd number of times. All
-//! such chains are sums of those that a spanning forest of the overlaps closes with one more overlap each.
+//! if some closed chain of overlapping shapes goes round one of them and not round the other an odd number of times.
+//! All such chains are sums of those that a spanning forest of the overlaps closes with one more overlap each.
 
 use super::inflated::{Inflated, Joint, Point};
 
@@ -26,8 +26,8 @@ pub(crate) fn cut_off(world: &Inflated, joints: &[Joint], start: Point, ends: &[
     (1..=ends.len()).map(|bit| bit <= ENDS_MAX && apart >> bit & 1 == 1).collect()
 }
 
-/// Bit i: whether the line `a`-`b` crosses the ray that goes up from point i. Over a closed chain of lines the sum tells
-/// whether it goes round the point; a ray through a corner of the chain counts once.
+/// Bit i: whether the line `a`-`b` crosses the ray that goes up from point i. Over a closed chain of lines the sum
+/// tells whether it goes round the point; a ray through a corner of the chain counts once.
 fn rays_crossed(a: Point, b: Point, points: &[Point]) -> u64 {
     let (left, right) = if a[0] < b[0] { (a, b) } else { (b, a) };
     let mut bits = 0;

@@ -1,8 +1,9 @@
 //! Distance to a set of sources around obstacles, on a grid, by fast marching.
 //!
-//! The distance T solves |grad T| = 1. Nodes are settled in the order of their value, each from its settled neighbours by
-//! the upwind scheme (Sethian, "A fast marching level set method for monotonically advancing fronts", PNAS 93, 1996), of
-//! second order where two settled nodes lie in a row (Sethian, "Fast marching methods", SIAM Review 41, 1999).
+//! The distance T solves |grad T| = 1. Nodes are settled in the order of their value, each from its settled neighbours
+//! by the upwind scheme (Sethian, "A fast marching level set method for monotonically advancing fronts", PNAS 93,
+//! 1996), of second order where two settled nodes lie in a row (Sethian, "Fast marching methods", SIAM Review 41,
+//! 1999).
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -10,7 +11,8 @@ use std::collections::BinaryHeap;
 /// Rings of nodes along the border of a grid that are never entered: the second-order stencil reads two nodes away.
 pub const BORDER: usize = 2;
 
-/// Square grid of nodes: node (column, row) lies at `origin + cell * (column, row)` and has index `row * columns + column`.
+/// Square grid of nodes: node (column, row) lies at `origin + cell * (column, row)` and has index `row * columns +
+/// column`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Grid {
     /// Position of the first node, m.
@@ -78,11 +80,14 @@ pub struct Field {
 }
 
 impl Field {
-    /// Marches from `sources` (node, distance it starts with, m, >= 0) through the nodes that are not `blocked`.
+    /// Marches from `sources` (node, distance that it keeps, m, >= 0) through the nodes that are not `blocked`.
     ///
-    /// Nodes in the border, and sources that are blocked, are not entered. `blocked` has one element for each node;
-    /// missing ones count as blocked. Error of a distance: second order away from obstacles (in a free square 0.01 % at
-    /// 100 cells); at a corner of the blocked region of the order of a cell, as the region itself is made of nodes.
+    /// Nodes in the border, and sources that are blocked, are not entered; a source out of the grid panics. `blocked`
+    /// has one element for each node; missing ones count as blocked.
+    ///
+    /// Error: second order in the open, if all nodes within a few cells of a point-like source are given as sources
+    /// (0.13 % of the distance on 100 x 100 cells, 0.03 % on 200 x 200); at a corner of the blocked region of the order
+    /// of a cell, as the region is made of nodes.
     pub fn march(grid: Grid, blocked: &[bool], sources: &[(usize, f64)]) -> Self {
         let (columns, rows, cell) = (grid.columns, grid.rows, grid.cell);
         let mut front =
@@ -97,7 +102,8 @@ impl Field {
         }
         let mut queue = BinaryHeap::with_capacity(4 * (columns + rows));
         for &(node, distance) in sources {
-            if front.marks[node] == OPEN && distance < front.distances[node] {
+            if front.marks[node] != SETTLED && distance < front.distances[node] {
+                front.marks[node] = SOURCE;
                 front.distances[node] = distance;
                 queue.push(queued(distance, node));
             }
@@ -131,8 +137,8 @@ impl Field {
         &self.distances
     }
 
-    /// Distance (m) at `point`, bilinear between its four nodes; infinite where one of them was not reached, and outside
-    /// the grid.
+    /// Distance (m) at `point`, bilinear between its four nodes; infinite where one of them was not reached, and
+    /// outside the grid.
     pub fn at(&self, point: [f64; 2]) -> f64 {
         let grid = &self.grid;
         let (x, y) = ((point[0] - grid.origin[0]) / grid.cell, (point[1] - grid.origin[1]) / grid.cell);
@@ -149,9 +155,11 @@ impl Field {
     }
 }
 
-/// Marks of a node: not to be entered (again), or still to be settled.
+/// Marks of a node: not to be entered (again), still to be settled from its neighbours, or to be settled as it was
+/// given.
 const SETTLED: u8 = 0;
 const OPEN: u8 = 1;
+const SOURCE: u8 = 2;
 
 /// Entry of the queue: the distance in single precision (its bits sort as it does) above the node, so that a comparison
 /// is one of integers. Nodes may so be settled out of order by 1e-7 of their distance.

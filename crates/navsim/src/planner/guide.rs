@@ -6,16 +6,19 @@ use super::inflated::{Corner, Inflated, Joint, Point};
 
 /// Cells of the marching grid per radius.
 const CELLS_PER_RADIUS: f64 = 3.0;
-/// Most nodes of the marching grid (16 MB): 105 m x 105 m for a radius of 0.25 m; larger worlds get larger cells, which costs time, not accuracy.
+/// Most nodes of the marching grid: 105 m x 105 m for a radius of 0.25 m; larger worlds get larger cells, which costs
+/// time, not accuracy.
 const NODES_MAX: f64 = 1.6e6;
-/// Cells by which obstacles shrink on the marching grid. Above the square root of 2, so that the four nodes around every
-/// place that the robot may take are free, and so is a chain of nodes along every path.
-const SHRINK: f64 = 1.5;
-/// Largest cell, in radii, for which overlapping obstacles are joined on the marching grid. Where a taut path bends it is
-/// at least 0.73 radii (the corners form an equilateral triangle) away from the joint; the nodes around it are within
-/// 1.42 cells of it, those of the joint within 0.71 cells.
+/// Cells by which obstacles shrink on the marching grid. From the square root of 2 on, the four nodes around every
+/// place that the robot may take are free; at 2 the march also runs straight through a corridor without any play: at
+/// any angle it is then long by 0.1 % at most, at 1.5 by up to 4 %.
+const SHRINK: f64 = 2.0;
+/// Largest cell, in radii, for which overlapping obstacles are joined on the marching grid. Where a taut path bends it
+/// is at least 0.73 radii (the corners form an equilateral triangle) away from the joint; the nodes around it are
+/// within 1.42 cells of it, those of the joint within 0.71 cells.
 const JOINED: f64 = 0.34;
-/// Share of the marched distance that is trusted as a lower bound.
+/// Share of the marched distance that is trusted as a lower bound: the march was never long by more than 0.11 %, in
+/// corridors without play, and not at all in 3,600 random worlds.
 pub(crate) const TRUST: f64 = 0.98;
 
 /// Cells by which interpolation overestimates the distance near a goal disc that is smaller than a cell.
@@ -32,7 +35,7 @@ pub(crate) struct Guide<'a> {
 impl<'a> Guide<'a> {
     /// Marches from `goal` over the whole of `bounds` ([x0, y0, x1, y1], m) for a robot of `radius` (m).
     ///
-    /// Obstacles are 1.5 cells thinner than they are, so that no gap is lost to the grid; those that overlap are joined
+    /// Obstacles are 2 cells thinner than they are, so that no gap is lost to the grid; those that overlap are joined
     /// by a row of nodes, so that no gap is won.
     pub fn new(
         world: &Inflated,

@@ -1,4 +1,8 @@
 //! Paths through a known map.
+//!
+//! `shortest_path` is exact: obstacles grown by the robot (`inflated`), what they enclose (`enclosure`), the reachable
+//! part of the goal (`goal_disc`), fast marching as a guide (`fast_marching`, `guide`), the shortest taut string
+//! (`taut_string`).
 
 mod enclosure;
 mod fast_marching;

@@ -1,8 +1,9 @@
 //! The shortest taut string around grown obstacles, by A*.
 //!
-//! A shortest path is made of straight legs that touch the arcs about the corners of the obstacles, and of pieces of those
-//! arcs (Liu and Arimoto, "Path planning using a tangent graph for mobile robots among polygonal and curved obstacles",
-//! IJRR 11, 1992). Legs are made when an arc is reached, and checked against the obstacles when their turn comes.
+//! A shortest path is made of straight legs that touch the arcs about the corners of the obstacles, and of pieces of
+//! those arcs (Liu and Arimoto, "Path planning using a tangent graph for mobile robots among polygonal and curved
+//! obstacles", IJRR 11, 1992). Legs are made when an arc is reached, and checked against the obstacles when their turn
+//! comes.
 
 use super::guide::Guide;
 use super::inflated::{Corner, Inflated, Point, along, apart, sweep};
@@ -112,16 +113,6 @@ impl<'a> Search<'a> {
             self.legs.clear();
             self.passages.iter_mut().flatten().for_each(Vec::clear);
             let length = self.within_bound(start);
-            #[cfg(test)]
-            if std::env::var("TRACE").is_ok() {
-                println!(
-                    "  remaining {} bound {growth} -> {length:?} cut {} passages {} legs left {} ",
-                    self.guide.remaining(start),
-                    self.cut,
-                    self.passages.iter().flatten().map(Vec::len).sum::<usize>(),
-                    self.legs.len()
-                );
-            }
             if length.is_some() || !self.cut {
                 return length;
             }
@@ -237,8 +228,8 @@ struct Tangent {
 }
 
 impl Tangent {
-    /// The tangent from the arc of `departure` that goes on about `to` with `turn`. `None` if one disc holds the other or
-    /// they overlap between two opposite turns.
+    /// The tangent from the arc of `departure` that goes on about `to` with `turn`. `None` if one disc holds the other
+    /// or they overlap between two opposite turns.
     fn new(departure: &Departure, to: &Corner, turn: f64) -> Option<Self> {
         let Corner { center, reach } = departure.corner;
         let offset = [to.center[0] - center[0], to.center[1] - center[1]];
