@@ -6,7 +6,6 @@ import json
 import os
 import random
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -174,8 +173,13 @@ def test_a_run_that_is_cut_anywhere_continues_bitwise(
     assert_same(outcome(tmp_path / "run"), whole[preset])
 
 
-def kill_at_random(work: Callable[[], None], moves: random.Random, longest_s: float) -> bool:
-    """Does the work in a child process and kills it after some time; returns whether it had ended before."""
+def newest_number(folder: Path) -> int:
+    """Number of the newest checkpoint, -1 without one; the run may be writing."""
+    return max((int(path.name) for path in folder.glob("checkpoints/0*")), default=-1)
+
+
+def work_and_kill(work: Callable[[], object], folder: Path, moves: random.Random) -> bool:
+    """Works in a child process and kills it a little after some checkpoints; returns whether it had ended before."""
     child = os.fork()
     if child == 0:
         code = 1
@@ -185,7 +189,11 @@ def kill_at_random(work: Callable[[], None], moves: random.Random, longest_s: fl
             code = 0
         finally:
             os._exit(code)
-    time.sleep(moves.uniform(0.0, longest_s))
+    goal = newest_number(folder) + moves.randrange(1, 8)
+    ended = False
+    while newest_number(folder) < goal and not ended:
+        ended = os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+    time.sleep(moves.uniform(0.0, 0.03))
     os.kill(child, signal.SIGKILL)
     _, status = os.waitpid(child, 0)
     if os.WIFSIGNALED(status):
@@ -199,24 +207,15 @@ def test_a_run_that_is_killed_at_any_moment_continues_bitwise(
     whole: dict[str, dict[str, Any]], tmp_path: Path, preset: str
 ) -> None:
     folder, moves = tmp_path / "run", random.Random(preset)
-    config = small(preset, checkpoint__every_s="0.02")
-    longest_s, kills, ended = 1.0, 0, False
-    while not ended:
-        begun = (folder / "checkpoints").is_dir() and Checkpoints(folder / "checkpoints").numbers()
-        if begun:
-            ended = kill_at_random(lambda: void(resume(folder)), moves, longest_s)
-        else:
-            shutil.rmtree(folder, ignore_errors=True)
-            ended = kill_at_random(lambda: void(train(config, folder, preset=preset, test=False)), moves, longest_s)
-        kills += not ended
-        # A slow machine gets more time, so that the run comes to its end.
-        longest_s *= 1.2
+    config = small(preset, checkpoint__every_s="0.01")
+    kills = 0
+    ended = work_and_kill(lambda: train(config, folder, preset=preset, test=False), folder, moves)
+    while not ended and kills < 6:
+        kills += 1
+        ended = work_and_kill(lambda: resume(folder), folder, moves)
     assert kills >= 2
+    resume(folder)
     assert_same(outcome(folder), whole[preset])
-
-
-def void(_: object) -> None:
-    """Takes a result that nobody wants."""
 
 
 def test_the_comparisons_above_see_every_part(whole: dict[str, dict[str, Any]], tmp_path: Path) -> None:
