@@ -4,6 +4,7 @@ import os
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -210,10 +211,14 @@ def test_bad_scenarios_are_refused(arguments: dict[str, object]) -> None:
         Scenario(**arguments)  # type: ignore[arg-type]
 
 
-def test_a_full_world_is_said_so() -> None:
-    config = SimConfig(world=WorldConfig(name="boxes", boxes=64))
-    with pytest.raises(ValueError, match="world 'boxes' is too full"):
-        BatchSim(config, num_envs=16)
+def test_a_full_world_is_said_so(tmp_path: Path) -> None:
+    crowded = tmp_path / "crowded.json"
+    crowded.write_text(
+        '{"area": [0, 0, 4, 4], "segments": [[-1, -1, 5, -1], [5, -1, 5, 5], [5, 5, -1, 5], [-1, 5, -1, -1]], '
+        '"random_boxes": {"count": 60, "sides": [1, 1], "clearance": 0.3}}'
+    )
+    with pytest.raises(ValueError, match=r"crowded.json.* is too full: 1000 draws .*clearance"):
+        BatchSim(SimConfig(world=WorldConfig(name=str(crowded))), num_envs=1)
 
 
 FORK = """
