@@ -19,7 +19,7 @@ from math import isnan
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, Group
 from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
@@ -30,6 +30,7 @@ from navrl.training_metrics import Progress, Rates
 
 LIVE_PERIOD_S = 0.25
 PLAIN_PERIOD_S = 5.0
+BAR_WIDTH = 56
 SPEED_WINDOW_S = 30.0
 """Speeds and the time left are taken from so much of the recent past."""
 
@@ -86,35 +87,33 @@ class Monitor:
         self._past.append((now, fraction, progress))
         while now - self._past[0][0] > SPEED_WINDOW_S and len(self._past) > 2:
             self._past.popleft()
-        counts, training = self._describe(progress, rates, fraction)
+        ahead, counts, training = self._describe(progress, rates, fraction)
         if self._live is None:
-            self._console.print(f"{counts}  {training}", soft_wrap=True)
+            self._console.print(f"{ahead}  {counts}  {training}", soft_wrap=True)
             return
-        table = Table.grid(padding=(0, 2))
-        table.add_row(ProgressBar(total=1.0, completed=fraction, width=32), counts)
-        grid = Table.grid()
-        grid.add_row(table)
-        grid.add_row(Text(training, style="dim", no_wrap=True, overflow="ellipsis"))
-        self._live.update(grid, refresh=True)
+        bar = Table.grid(padding=(0, 1))
+        bar.add_row(ProgressBar(total=1.0, completed=fraction, width=BAR_WIDTH), ahead)
+        lines = Text(f"{counts}\n{training}", style="dim", no_wrap=True, overflow="ellipsis")
+        self._live.update(Group(bar, lines), refresh=True)
 
-    def _describe(self, progress: Progress, rates: Rates, fraction: float) -> tuple[str, str]:
-        """Two lines: how far and how fast, and how the training episodes went."""
+    def _describe(self, progress: Progress, rates: Rates, fraction: float) -> tuple[str, str, str]:
+        """How far the run is, how fast it goes, and how the newest training episodes went."""
         (then, fraction_then, before), (now, _, _) = self._past[0], self._past[-1]
+        ahead = f"{100 * fraction:3.0f} %"
+        if fraction > fraction_then:
+            ahead += f"  {_duration((1 - fraction) * (now - then) / (fraction - fraction_then))} left"
+        counts = f"{progress.steps:,}{_of(self._steps)} steps"
         seconds = progress.train_s - before.train_s
-        speeds = ""
         if seconds > 0:
             sps, ups = (progress.steps - before.steps) / seconds, (progress.updates - before.updates) / seconds
-            speeds = f"  {sps:,.0f} steps/s  {ups:,.0f} updates/s"
-        if fraction > fraction_then:
-            speeds += f"  {_duration((1 - fraction) * (now - then) / (fraction - fraction_then))} left"
-        counts = f"{100 * fraction:3.0f} %  {progress.steps:,}{_of(self._steps)} steps{speeds}"
-        training = f"{progress.episodes:,}{_of(self._episodes)} training episodes"
+            counts += f"  {sps:,.0f} steps/s  {ups:,.0f} updates/s"
+        training = f"{progress.episodes:,}{_of(self._episodes)} episodes"
         if not isnan(rates.success):
             training += (
-                f", the newest: success {100 * rates.success:.1f} %  collision {100 * rates.collision:.1f} %  "
+                f"  success {100 * rates.success:.1f} %  collision {100 * rates.collision:.1f} %  "
                 f"time-out {100 * rates.timeout:.1f} %  return {rates.total_return:.1f}"
             )
-        return counts, training
+        return ahead, counts, training
 
     def validation(self, steps: int, scores: Scores, *, best: bool) -> None:
         """Prints the scores of a validation.
@@ -185,11 +184,12 @@ def result_lines(summary: dict[str, Any], folder: Path) -> list[str]:
     ]
     if summary["scores"] is not None:
         tested, low, high = summary["scores"]["episodes"], *(100 * bound for bound in summary["success_ci95"])
-        lines.append(
-            f"test on {tested:,} unseen scenarios: success {100 * summary['success_rate']:.1f} % "
-            f"(95 % interval {low:.1f} to {high:.1f} %), collisions {100 * summary['collision_rate']:.1f} %, "
-            f"time-outs {100 * summary['timeout_rate']:.1f} %, SPL {summary['spl']:.3f}"
-        )
-    lines.append(f"policy: {folder / 'policy'}, the best of its validations, after {summary['best_steps']:,} steps")
+        lines += [
+            f"test, {tested:,} unseen scenarios: success {100 * summary['success_rate']:.1f} % "
+            f"(95 % interval {low:.1f} to {high:.1f} %)",
+            f"collisions {100 * summary['collision_rate']:.1f} %, time-outs {100 * summary['timeout_rate']:.1f} %, "
+            f"SPL {summary['spl']:.3f}",
+        ]
+    lines.append(f"policy: {folder / 'policy'}, best in validation, after {summary['best_steps']:,} steps")
     lines.append(f"watch it drive: navrl play {folder} --out drive.gif")
     return lines

@@ -258,10 +258,10 @@ def _introduction(run: Run) -> str:
     """One line: robots, threads and memory."""
     robots, learn = run.config.training.num_envs, run.config.threads.learn
     memory = available_memory()
-    available = "" if memory is None else f" of {memory / 1e6:,.0f} MB available"
+    available = "" if memory is None else f" of {memory / 1e6:,.0f} MB free"
     return (
-        f"{robots} {'robot' if robots == 1 else 'robots'}; threads: {run.threads} to simulate, {learn} to learn; "
-        f"replay takes up to {run.replay_bytes / 1e6:,.0f} MB{available}"
+        f"{robots} {'robot' if robots == 1 else 'robots'}; threads: simulate {run.threads}, learn {learn}; "
+        f"replay up to {run.replay_bytes / 1e6:,.0f} MB{available}"
     )
 
 
