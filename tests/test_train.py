@@ -380,18 +380,18 @@ def test_a_full_disk_stops_the_run_in_one_line(
     whole: dict[str, dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     saves = 0
-    original = Checkpoints._write_rows
+    original = Checkpoints._write_chunk
 
-    def write_rows(checkpoints: Checkpoints, replay: Replay) -> list[Chunk]:
+    def write_chunk(checkpoints: Checkpoints, first: int, rows: NDArray[np.float32]) -> Chunk:
         nonlocal saves
         saves += 1
         if saves == 4:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return original(checkpoints, replay)
+        return original(checkpoints, first, rows)
 
     folder = tmp_path / "run"
     with monkeypatch.context() as patch:
-        patch.setattr(Checkpoints, "_write_rows", write_rows)
+        patch.setattr(Checkpoints, "_write_chunk", write_chunk)
         with pytest.raises(CheckpointError, match="No space left on device"):
             train(small("fast", checkpoint__every_s="0.02"), folder, test=False)
     resume(folder)

@@ -6,6 +6,7 @@
 
     Checkpoints(folder)                          removes leftovers
         .save(record, arrays, replay, keep=)     a crash or a full disk at any moment leaves the older ones complete
+        .prepare(record, arrays, replay, keep=)  the same in two parts: calling the result writes
         .newest() -> Saved                       .record, .arrays, .restore_replay(replay)
     CheckpointError                              one line that names the file
 
@@ -23,8 +24,9 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -189,11 +191,49 @@ class Checkpoints:
         Raises:
             CheckpointError: The disk refused; the older checkpoints are complete.
         """
+        self.prepare(record, arrays, replay, keep=keep)()
+
+    def prepare(
+        self, record: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], replay: Replay, *, keep: int
+    ) -> Callable[[], None]:
+        """Takes copies of the new rows, so that a checkpoint can be written while replay goes on.
+
+        Args:
+            record: As for `save`; nobody may change it until it is written.
+            arrays: As for `save`; nobody may change them until they are written.
+            replay: As for `save`.
+            keep: As for `save`.
+
+        Returns:
+            What writes the checkpoint, in any thread but before the next one is prepared; it raises as `save` does.
+        """
+        newest = self._chunks[max(self._chunks)] if self._chunks else []
+        chunks = [chunk for chunk in newest if chunk.last > replay.oldest]
+        first = max(chunks[-1].last if chunks else 0, replay.oldest)
+        small = 0
+        while small < len(chunks) and chunks[-1 - small].rows < CHUNK_ROWS:
+            small += 1
+        if first < replay.added and small >= MOST_SMALL_CHUNKS:
+            first = max(chunks[-small].first, replay.oldest)
+            del chunks[-small:]
+        starts = range(first, replay.added, CHUNK_ROWS)
+        rows = {start: replay.read(start, min(start + CHUNK_ROWS, replay.added)) for start in starts}
+        return partial(self._write, record, arrays, chunks, rows, keep)
+
+    def _write(
+        self,
+        record: Mapping[str, Any],
+        arrays: Mapping[str, NDArray[Any]],
+        chunks: list[Chunk],
+        rows: Mapping[int, NDArray[np.float32]],
+        keep: int,
+    ) -> None:
+        """Writes `rows`, by the number of the first, as files beside `chunks`, then the rest of the checkpoint."""
         number = max(self.numbers(), default=-1) + 1
         pending = self.folder / (PENDING + _name(number))
         try:
             (self.folder / ROWS).mkdir(parents=True, exist_ok=True)
-            chunks = self._write_rows(replay)
+            chunks = chunks + [self._write_chunk(first, array) for first, array in rows.items()]
             pending.mkdir()
             state = save({name: np.asarray(array, order="C") for name, array in arrays.items()})
             write_file(pending / STATE, state)
@@ -213,24 +253,12 @@ class Checkpoints:
                 f"{self.folder}: no checkpoint could be saved: {error.strerror}; the newest one there is complete"
             ) from error
 
-    def _write_rows(self, replay: Replay) -> list[Chunk]:
-        """Writes the rows that no file holds yet; returns the files that hold all of replay."""
-        newest = self._chunks[max(self._chunks)] if self._chunks else []
-        chunks = [chunk for chunk in newest if chunk.last > replay.oldest]
-        first = max(chunks[-1].last if chunks else 0, replay.oldest)
-        small = 0
-        while small < len(chunks) and chunks[-1 - small].rows < CHUNK_ROWS:
-            small += 1
-        if first < replay.added and small >= MOST_SMALL_CHUNKS:
-            first = max(chunks[-small].first, replay.oldest)
-            del chunks[-small:]
-        for start in range(first, replay.added, CHUNK_ROWS):
-            end = min(start + CHUNK_ROWS, replay.added)
-            name = f"{ROWS}/rows-{start:012d}-{end:012d}.safetensors"
-            content = save({"rows": replay.read(start, end)})
-            write_file(self.folder / name, content)
-            chunks.append(Chunk(**asdict(_entry(name, content)), first=start, last=end))
-        return chunks
+    def _write_chunk(self, first: int, rows: NDArray[np.float32]) -> Chunk:
+        last = first + len(rows)
+        name = f"{ROWS}/rows-{first:012d}-{last:012d}.safetensors"
+        content = save({"rows": rows})
+        write_file(self.folder / name, content)
+        return Chunk(**asdict(_entry(name, content)), first=first, last=last)
 
     def _remove_older(self, keep: int) -> None:
         for number in self.numbers()[:-keep]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple, Protocol, Self
 
@@ -144,6 +145,8 @@ class Run:
         self.checkpoints = Checkpoints(folder.checkpoints)
         self.log_from: ResumePoint | None = None
         """Where metrics.csv continues."""
+        self._writer = ThreadPoolExecutor(1, "checkpoint")
+        self._writing: Future[None] | None = None
         self.next_save = 0.0
         """Moment of the monotonic clock at which the next checkpoint is due."""
 
@@ -203,14 +206,15 @@ class Run:
         }
 
     def save(self, log: MetricsLog) -> None:
-        """Writes a checkpoint.
+        """Takes a checkpoint and lets another thread write it while the run goes on; first waits for the one before.
 
         Args:
             log: Its rows so far are made durable first, so that a resumed run finds them.
 
         Raises:
-            CheckpointError: The disk refused; the checkpoint before is complete.
+            CheckpointError: The disk refused the checkpoint before; the one before that is complete.
         """
+        self.wait_until_saved()
         arrays: dict[str, NDArray[Any]] = {"simulator": np.frombuffer(self.sim.state(), np.uint8)}
         for name, part in self._parts.items():
             arrays |= {f"{name}/{key}": array for key, array in part.state().items()}
@@ -230,8 +234,19 @@ class Run:
             "log_bytes": log.sync(),
             "clock": self.clock.state(),
         }
-        self.checkpoints.save(record, arrays, self.replay, keep=self.config.checkpoint.keep)
+        write = self.checkpoints.prepare(record, arrays, self.replay, keep=self.config.checkpoint.keep)
+        self._writing = self._writer.submit(write)
         self.next_save = time.monotonic() + self.config.checkpoint.every_s
+
+    def wait_until_saved(self) -> None:
+        """Waits until the newest checkpoint is on the disk.
+
+        Raises:
+            CheckpointError: The disk refused it; the one before is complete.
+        """
+        writing, self._writing = self._writing, None
+        if writing is not None:
+            writing.result()
 
     def start_from(self, policy: Policy) -> None:
         """Takes the actor of a policy as the first one.

@@ -12,11 +12,13 @@ is resumed there, in whatever process, makes the same moves to the same bits.
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from navrl.checkpoint import CheckpointError
 from navrl.config import Config
 from navrl.environment import available_memory, cores
 from navrl.errors import UserError
@@ -114,6 +116,7 @@ class _Training:
             with self.interruption:
                 try:
                     run.save(self.log)
+                    run.wait_until_saved()
                     self._loop()
                     self._finish()
                 except KeyboardInterrupt:
@@ -126,6 +129,8 @@ class _Training:
             kept = f"the last checkpoint in {run.folder.checkpoints} is complete"
             raise UserError(f"{error.filename or run.folder.path}: {error.strerror}; {kept}") from error
         finally:
+            with suppress(CheckpointError):  # said already, or of no account beside another error
+                run.wait_until_saved()
             self.monitor.close()
             self.log.close()
             torch.set_flush_denormal(False)
@@ -230,6 +235,7 @@ class _Training:
         """Saves, tests the best policy and writes the summary."""
         run = self.run
         run.save(self.log)
+        run.wait_until_saved()
         if run.best is None:
             raise AssertionError("a run ends with a validation")
         scores = self._evaluate(run.best.weights, run.load_list("test")) if run.test else None
@@ -247,6 +253,7 @@ class _Training:
         """
         self.monitor.line("stopping; Ctrl+C again leaves at once, with the last checkpoint")
         self.run.save(self.log)
+        self.run.wait_until_saved()
         self.monitor.close()
         folder = self.run.folder.path
         message = f"stopped after {self.run.counts.steps:,} steps and saved; resume with: navrl train --resume {folder}"
