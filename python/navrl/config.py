@@ -221,7 +221,7 @@ class LearnerConfig:
 class ReplayConfig:
     """Memory of past steps (section III "TD3 Network")."""
 
-    capacity: Annotated[int, Field(ge=1, le=10**9)] = 1_000_000
+    capacity: Annotated[int, Field(ge=1, le=10**9)] = 500_000
     """Rows kept; the oldest make room."""
 
 
