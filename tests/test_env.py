@@ -80,6 +80,41 @@ def test_a_seed_names_the_episodes() -> None:
     assert not np.array_equal(environment.reset(seed=4)[0], first)
 
 
+def test_a_seed_may_be_any_whole_number() -> None:
+    for environment in (NavigationEnv(), NavigationVectorEnv(2)):
+        first, _ = environment.reset(seed=3)
+        again, _ = environment.reset(seed=np.int64(3))  # type: ignore[arg-type]
+        assert np.array_equal(first, again)
+
+
+@pytest.mark.parametrize(
+    ("action", "message"),
+    [
+        ([5, 0, 1], r"action: expected shape \(2,\), got \(3,\)"),
+        ([[0.0, 0.0]], r"action: expected shape \(2,\), got \(1, 2\)"),
+        ([0.0, np.nan], r"action: expected finite numbers, got \[0\.0, nan\]"),
+    ],
+)
+def test_bad_actions_are_named(action: Any, message: str) -> None:  # noqa: ANN401 - what a user may pass
+    environment = NavigationEnv()
+    environment.reset(seed=0)
+    with pytest.raises(ValueError, match=message):
+        environment.step(action)
+
+
+def test_an_id_and_a_configuration_agree_about_the_world() -> None:
+    own = SimConfig(world=WorldConfig(name="boxes", boxes=3))
+    with pytest.raises(ValueError, match=r'"td3".*"boxes".*NavigationEnv') as refusal:
+        gymnasium.make("navrl/TD3World-v0", config=own)
+    assert "\n" not in str(refusal.value)
+    with pytest.raises(ValueError, match=r'"open8".*"boxes".*NavigationVectorEnv'):
+        gymnasium.make_vec("navrl/Open8-v0", num_envs=2, config=own)
+    assert gymnasium.make("navrl/Boxes-v0", config=own).unwrapped.config == own  # type: ignore[attr-defined]
+    # A configuration that says nothing of the world takes the id's.
+    other = gymnasium.make("navrl/Boxes-v0", config=SHORT).unwrapped.config  # type: ignore[attr-defined]
+    assert (other.world, other.task) == (WorldConfig(name="boxes"), SHORT.task)
+
+
 def test_step_before_reset_is_refused() -> None:
     for environment in (NavigationEnv(), NavigationVectorEnv(2)):
         with pytest.raises(gymnasium.error.ResetNeeded, match="call reset"):

@@ -14,7 +14,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any
+from numbers import Integral
+from typing import Any, SupportsInt
 
 import gymnasium
 import numpy as np
@@ -24,7 +25,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from navrl.batch import BatchSim
-from navrl.config import SimConfig
+from navrl.config import SimConfig, WorldConfig
 
 WORLDS_BY_ID = {"navrl/TD3World-v0": "td3", "navrl/Boxes-v0": "boxes", "navrl/Open8-v0": "open8"}
 """World of each registered environment."""
@@ -57,11 +58,29 @@ def action_space() -> Box:
     return Box(-1.0, 1.0, (2,), np.float32)
 
 
-def _with_world(config: SimConfig | None, world: str | None) -> SimConfig:
+def _with_world(config: SimConfig | None, world: str | None, kind: type) -> SimConfig:
+    """The configuration with the world of an id; one that speaks of the world itself has to agree."""
     config = SimConfig() if config is None else config
     if world is None or world == config.world.name:
         return config
+    if config.world != WorldConfig():
+        clash = f'world = "{world}", but the configuration has world.name = "{config.world.name}"'
+        raise ValueError(f"{clash}; to drive there, use navrl.env.{kind.__name__}, which needs no id")
     return dataclasses.replace(config, world=dataclasses.replace(config.world, name=world))
+
+
+def _whole(seed: SupportsInt | None) -> int | None:
+    """A seed as Gymnasium wants it: numpy's whole numbers are no int."""
+    return None if seed is None else int(seed)
+
+
+def _checked_action(action: object) -> Floats:
+    checked = np.asarray(action, np.float32)
+    if checked.shape != (2,):
+        raise ValueError(f"action: expected shape (2,), got {checked.shape}")
+    if not np.isfinite(checked).all():
+        raise ValueError(f"action: expected finite numbers, got {checked.tolist()}")
+    return checked
 
 
 class _Camera:
@@ -110,13 +129,13 @@ class NavigationEnv(gymnasium.Env[Any, Any]):
 
         Args:
             config: World, robot, lidar, task and reward; the defaults if None.
-            world: Replaces the name of the configuration's world.
+            world: Name of the world, for a configuration that says nothing of it.
             render_mode: None or "rgb_array".
 
         Raises:
-            ValueError: Another render mode.
+            ValueError: Another render mode, or a configuration with another world.
         """
-        self.config = _with_world(config, world)
+        self.config = _with_world(config, world, NavigationEnv)
         self.render_mode = _checked_render_mode(render_mode)
         self.metadata = {**self.metadata, "render_fps": round(1 / self.config.task.period)}
         self.observation_space = observation_space(self.config)
@@ -134,6 +153,7 @@ class NavigationEnv(gymnasium.Env[Any, Any]):
         Returns:
             Observation (bins + 4,) float32, and infos.
         """
+        seed = _whole(seed)
         super().reset(seed=seed)
         if seed is not None or self._simulator is None:
             chosen = int(self.np_random.integers(2**63)) if seed is None else seed
@@ -152,9 +172,12 @@ class NavigationEnv(gymnasium.Env[Any, Any]):
 
         Returns:
             Observation (bins + 4,) float32, reward, terminated, truncated, infos.
+
+        Raises:
+            ValueError: An action of another shape, NaN or infinity; nothing has moved then.
         """
         simulator = self._started()
-        simulator.step(np.asarray(action, np.float32).reshape(1, 2))
+        simulator.step(_checked_action(action).reshape(1, 2))
         if self._camera:
             self._camera.follow(simulator, np.zeros(1, np.bool_))
         return (
@@ -199,7 +222,7 @@ class NavigationVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         Args:
             num_envs: Number of robots.
             config: World, robot, lidar, task and reward; the defaults if None.
-            world: Replaces the name of the configuration's world.
+            world: Name of the world, for a configuration that says nothing of it.
             num_threads: Threads that step the robots; they do not change results.
             autoreset_mode: What follows the end of an episode. NEXT_STEP: the next step ignores the action and returns
                 the first observation of the next episode, with reward 0. SAME_STEP: the same step returns it, and the
@@ -208,10 +231,10 @@ class NavigationVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
             render_mode: None or "rgb_array".
 
         Raises:
-            ValueError: Another mode.
+            ValueError: Another mode, or a configuration with another world.
         """
         self.num_envs = num_envs
-        self.config = _with_world(config, world)
+        self.config = _with_world(config, world, NavigationVectorEnv)
         self.render_mode = _checked_render_mode(render_mode)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {
@@ -293,9 +316,9 @@ class NavigationVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
     def _start(self, seed: int | Sequence[int] | None) -> BatchSim:
         if seed is None:
             chosen = int(self.np_random.integers(2**63))
-        elif isinstance(seed, int):
-            chosen = seed
-            self._np_random, self._np_random_seed = gymnasium.utils.seeding.np_random(seed)
+        elif isinstance(seed, (int, Integral)):
+            chosen = int(seed)
+            self._np_random, self._np_random_seed = gymnasium.utils.seeding.np_random(chosen)
         else:
             chosen = int(np.random.SeedSequence(list(seed)).generate_state(1, np.uint64)[0])
         autoreset = self.autoreset_mode is AutoresetMode.SAME_STEP
