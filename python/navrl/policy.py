@@ -131,7 +131,7 @@ class Policy:
         *,
         rebin: bool = False,
     ) -> tuple[float, float]:
-        """The robot's next command from what it has: a scan, its goal and its last command.
+        """The robot's next command from what it has: a scan, its goal and the velocity that it reached.
 
         `navrl.rebin` lists what becomes of infinite, missing and invalid readings. The robot is told to stop (0, 0)
         when no beam in the policy's field of view is valid, and within the goal radius.
@@ -141,7 +141,8 @@ class Policy:
             angle_min: Direction of the first beam, radians, counter-clockwise from the lidar's x axis.
             angle_increment: Angle from one beam to the next, radians, negative for a clockwise scan.
             goal_in_robot: (x, y) of the goal in the robot's frame, metres, x forward, y left.
-            last_command: (v, omega) commanded last, m/s and rad/s; (0, 0) at first.
+            last_command: (v, omega) reached in the last period, m/s and rad/s: the last command, but where
+                acceleration limits kept the robot from it; (0, 0) at first.
             rebin: Accept a lidar other than the policy's own and pool its beams by angle.
 
         Returns:
