@@ -54,7 +54,9 @@ def threads(text: str | None) -> int:
     """Number of threads: as given by --threads, or as many as this process has cores."""
     if text is not None:
         return whole_number("--threads", text, 1, 1024)
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    from navrl.environment import cores
+
+    return cores()
 
 
 def output_file(flag: str, text: str) -> Path:
