@@ -112,7 +112,9 @@ def test_eval_of_a_file_refuses_what_cannot_be_run_by_line(policy: Path, tmp_pat
     file.write_text("\n".join(json.dumps(scenario) for scenario in (good, touching, good)) + "\n")
     assert f"{file}, line 2: " in navrl("eval", policy, "--scenarios", file, code=2).stderr
     navrl("eval", policy, "--scenarios", file, "--skip-invalid", "--json", tmp_path / "e.json")
-    assert json.loads((tmp_path / "e.json").read_text())["summary"]["episodes"] == 2
+    record = json.loads((tmp_path / "e.json").read_text())
+    assert record["summary"]["episodes"] == 2
+    assert [(episode["index"], episode["line"]) for episode in record["episodes"]] == [(0, 1), (1, 3)]
     assert "no such file" in navrl("eval", policy, "--scenarios", tmp_path / "x.jsonl", code=2).stderr.lower()
     assert "--list test" in navrl("eval", policy, "--scenarios", file, "--list", "test", code=2).stderr
     assert "--boxes 4" in navrl("eval", policy, "--boxes", 4, code=2).stderr

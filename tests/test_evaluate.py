@@ -187,6 +187,42 @@ def test_a_policy_without_description_needs_a_simulator() -> None:
         evaluate(TowardsGoal(), [scenario()])
 
 
+def test_scenarios_that_cannot_be_run_are_named_by_their_place() -> None:
+    cage = [(2.0, -1.0, 2.0, 1.0), (4.0, -1.0, 4.0, 1.0), (2.0, -1.0, 4.0, -1.0), (2.0, 1.0, 4.0, 1.0)]
+    for bad, reason in (
+        (scenario(segments=cage), "unreachable"),
+        (scenario(goal=0.2), "the way to the goal circle is 0 m long, at least 0.1 m are needed"),
+        (scenario(goal=0.35), "the way to the goal circle is 0.05 m long"),
+        (scenario(circles=[(0.1, 0.0, 0.3)]), "in contact"),
+    ):
+        with pytest.raises(ScenarioError, match=rf"^scenario 1: .*{reason}") as refusal:
+            evaluate(Constant(1.0, 0.0), [scenario(), bad], sim=SimConfig())
+        assert "\n" not in str(refusal.value)
+    with pytest.raises(ScenarioError, match=r"^scenario 0: .* \(and 2 more scenarios\)$"):
+        evaluate(Constant(1.0, 0.0), [scenario(goal=0.2), scenario(), *[scenario(goal=0.35)] * 2], sim=SimConfig())
+
+
+def test_a_list_of_nothing_is_refused() -> None:
+    with pytest.raises(ScenarioError, match=r"^scenarios: expected at least one$"):
+        evaluate(Constant(1.0, 0.0), [], sim=SimConfig())
+
+
+@pytest.mark.parametrize(("columns", "shape"), [((), r"\(2,\)"), ((3,), r"\(2, 3\)")])
+def test_actions_of_another_shape_are_refused(columns: tuple[int, ...], shape: str) -> None:
+    class Strange:
+        def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+            return np.zeros((len(observations), *columns), np.float32)
+
+    with pytest.raises(ValueError, match=rf"^act: expected actions of shape \(2, 2\), got {shape}$"):
+        evaluate(Strange(), [scenario(), scenario()], sim=SimConfig())
+
+
+def test_times_are_the_shortest_decimals() -> None:
+    # 179 * 0.1 is 17.900000000000002.
+    episode = evaluate(Constant(1.0, 0.0), [scenario(goal=50.0, time_limit=17.9)], sim=SimConfig()).episodes[0]
+    assert (episode.steps, episode.time_s) == (179, 17.9)
+
+
 def test_an_unknown_list_is_refused() -> None:
     with pytest.raises(ScenarioError, match="list exam"):
         evaluate(trained_like(), "exam")  # type: ignore[arg-type]

@@ -222,8 +222,22 @@ def test_bad_lines_can_be_left_out(tmp_path: Path, capsys: pytest.CaptureFixture
     drawn = read_list(file, SimConfig(), skip_invalid=True)
     assert [s.to_json() for s in drawn.scenarios] == good
     assert drawn.shortest == pytest.approx([2.7, 3.7], rel=0.003)
+    assert drawn.lines == (1, 2 + len(BAD_LINES))
+    assert drawn.first(1).lines == (1,)
     told = capsys.readouterr().err.splitlines()
-    assert sorted(int(line.split(", line ")[1].split(":")[0]) for line in told) == list(range(2, 2 + len(BAD_LINES)))
+    assert [int(line.split(", line ")[1].split(":")[0]) for line in told] == list(range(2, 2 + len(BAD_LINES)))
+
+
+@pytest.mark.parametrize(("more", "counted"), [(0, ""), (1, "and 1 more line; "), (5, "and 5 more lines; ")])
+def test_the_first_bad_line_is_named_and_all_are_counted(tmp_path: Path, more: int, counted: str) -> None:
+    # What the lengths of the ways tell comes first in the file, what its text tells later.
+    bad = [scenario(goal=0.35).to_json(), *["{", scenario(goal=0.2).to_json()] * 3][: more + 1]
+    file = write_lines(tmp_path / "list.jsonl", scenario().to_json(), *bad, scenario().to_json())
+    with pytest.raises(ScenarioError) as refusal:
+        read_list(file, SimConfig())
+    reason = "the way to the goal circle is 0.05 m long, at least 0.1 m are needed"
+    left = "it" if more == 0 else "them"
+    assert str(refusal.value) == f"{file}, line 2: {reason} ({counted}navrl eval --skip-invalid leaves {left} out)"
 
 
 def test_a_list_without_scenarios_is_refused(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from navrl.durable import write_file
 from navrl.environment import cores
 from navrl.metrics import OUTCOMES, RUNNING, Episode, Scores, summarize
 from navrl.policy_description import PolicyDescription, PolicyError
-from navrl.scenarios import ScenarioList, hash_scenarios, load_list, robot_radius, shortest_lengths
+from navrl.scenarios import ScenarioList, given_list, load_list
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -88,7 +88,8 @@ def evaluate(
 
     Raises:
         PolicyError: The policy was trained for another lidar or other limits than `sim` has, or `sim` is missing.
-        ScenarioError: There is no such list.
+        ScenarioError: There is no such list, it is empty, or the robot cannot run one of its scenarios.
+        ValueError: The policy returned actions of another shape.
     """
     description = getattr(policy, "description", None)
     if sim is None:
@@ -101,8 +102,7 @@ def evaluate(
     if isinstance(scenarios, str):
         scenarios = load_list(sim, scenarios, num_threads=threads)
     elif not isinstance(scenarios, ScenarioList):
-        lengths = shortest_lengths(scenarios, robot_radius(sim), num_threads=threads)
-        scenarios = ScenarioList("given", tuple(scenarios), lengths, hash_scenarios(scenarios))
+        scenarios = given_list(scenarios, sim, num_threads=threads)
     with threadpool_limits(1, user_api="blas"):
         simulator = run_to_end(policy, scenarios.scenarios, sim, num_threads=threads)
     episodes = _episodes(simulator, scenarios, sim.task.period)
@@ -132,10 +132,17 @@ def run_to_end(policy: Actor, scenarios: Sequence[Scenario], sim: SimConfig, *, 
     actions = np.zeros((len(scenarios), 2), np.float32)
     running = np.arange(len(scenarios))
     while running.size:
-        actions[running] = policy.act(simulator.observations[running])
+        actions[running] = _actions(policy, simulator.observations[running])
         simulator.step(actions)
         running = running[simulator.outcome[running] == RUNNING]
     return simulator
+
+
+def _actions(policy: Actor, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+    actions, expected = np.asarray(policy.act(observations)), (len(observations), 2)
+    if actions.shape != expected:
+        raise ValueError(f"act: expected actions of shape {expected}, got {actions.shape}")
+    return actions
 
 
 def check_fits(description: PolicyDescription, sim: SimConfig) -> None:
@@ -168,6 +175,7 @@ def _episodes(simulator: BatchSim, scenarios: ScenarioList, period: float) -> li
         simulator.episode_returns.tolist(),
         simulator.episode_clearance.tolist(),
         scenarios.shortest.tolist(),
+        scenarios.lines or [None] * len(scenarios),
         strict=True,
     )
     return [
@@ -175,13 +183,15 @@ def _episodes(simulator: BatchSim, scenarios: ScenarioList, period: float) -> li
             index=index,
             outcome=OUTCOMES[outcome],
             steps=steps,
-            time_s=steps * period,
+            # The nearest decimal: 179 x 0.1 s are 17.9 s.
+            time_s=round(steps * period, 9),
             path_m=path,
             shortest_m=shortest,
             total_return=total_return,
             min_clearance_m=clearance if clearance < CLEARANCE_MAX else None,
+            line=line,
         )
-        for index, (outcome, steps, path, total_return, clearance, shortest) in enumerate(records)
+        for index, (outcome, steps, path, total_return, clearance, shortest, line) in enumerate(records)
     ]
 
 

@@ -38,6 +38,8 @@ class Episode:
     """Undiscounted return: equations 3 and 5 in the paper's form, unscaled."""
     min_clearance_m: float | None
     """Smallest distance of the footprint from an obstacle at step ends, metres; None in a world without obstacles."""
+    line: int | None = None
+    """Line of the scenario in its file, from 1; None where the list comes from no file."""
 
     @property
     def spl(self) -> float:
@@ -46,10 +48,11 @@ class Episode:
         return self.shortest_m / max(self.path_m, self.shortest_m) if self.outcome == "goal" else 0.0
 
     def to_json(self) -> dict[str, Any]:
-        """The record of `navrl eval --json`."""
+        """The record of `navrl eval --json`; only scenarios of a file have a line."""
         record = asdict(self)
         record["return"] = record.pop("total_return")
-        return {key: record[key] for key in EPISODE_KEYS}
+        line = {} if self.line is None else {"line": self.line}
+        return {key: record[key] for key in EPISODE_KEYS} | line
 
 
 EPISODE_KEYS = ("index", "outcome", "steps", "time_s", "path_m", "shortest_m", "return", "min_clearance_m")

@@ -2,6 +2,7 @@
 
     load_list(sim, "test", num_threads=2) -> ScenarioList
     read_list("course.jsonl", sim, skip_invalid=True) -> ScenarioList
+    given_list([Scenario(...), ...], sim) -> ScenarioList
 
 Lists have a purpose (tuning, validation, test, final) and do not depend on any training seed. The lengths of the
 shortest paths, which SPL needs, ship with navrl for the built-in lists; others are computed once and kept in the user's
@@ -20,7 +21,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +67,8 @@ class ScenarioList:
     """(scenarios,) length of the shortest path of the robot's centre to the goal circle, metres."""
     sha256: str
     """Hash of the scenarios as JSON Lines."""
+    lines: tuple[int, ...] | None = None
+    """Line of the file, from 1, that each stands in; None where they come from no file."""
 
     def __len__(self) -> int:
         """Number of scenarios."""
@@ -85,8 +88,8 @@ class ScenarioList:
         """
         if not 1 <= count <= len(self):
             raise ScenarioError(f"{count} scenarios of {self.name}: it has 1 to {len(self)}")
-        kept = self.scenarios[:count]
-        return ScenarioList(self.name, kept, self.shortest[:count], hash_scenarios(kept))
+        kept, lines = self.scenarios[:count], self.lines and self.lines[:count]
+        return ScenarioList(self.name, kept, self.shortest[:count], hash_scenarios(kept), lines)
 
 
 def robot_radius(sim: SimConfig) -> float:
@@ -152,25 +155,68 @@ def read_list(file: str | Path, sim: SimConfig, *, skip_invalid: bool = False, n
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise ScenarioError(f"{file}: cannot be read: {reason}") from None
-    good, refused = _navsim.read_list(text, config_json(sim))
-    _refuse(file, refused, skip_invalid)
-    lengths = shortest_lengths([scenario for _, scenario in good], robot_radius(sim), num_threads=num_threads)
-    usable = np.isfinite(lengths) & (lengths >= SHORTEST_MIN)
-    _refuse(file, [(good[i][0], _fault(float(lengths[i]))) for i in np.flatnonzero(~usable)], skip_invalid)
-    kept = tuple(good[i][1] for i in np.flatnonzero(usable))
+    examined = _examine(text, sim, num_threads)
+    if examined.refused and not skip_invalid:
+        (line, reason), *others = examined.refused
+        more, them = (f"{_and_more(others, 'line')}; ", "them") if others else ("", "it")
+        raise ScenarioError(f"{file}, line {line}: {reason} ({more}navrl eval --skip-invalid leaves {them} out)")
+    for line, reason in examined.refused:
+        print(f"{file}, line {line}: left out: {reason}", file=sys.stderr)
+    kept = examined.scenarios
     if not kept:
         raise ScenarioError(f"{file}: no scenario that the robot can run")
-    return ScenarioList(str(file), kept, lengths[usable], hash_scenarios(kept))
+    return ScenarioList(str(file), kept, examined.lengths, hash_scenarios(kept), examined.lines)
 
 
-def _refuse(file: str | Path, refused: Sequence[tuple[int, str]], skip_invalid: bool) -> None:
-    """Raises for the first of the refused (line, reason), or lists them all on stderr."""
-    if refused and not skip_invalid:
-        line, reason = refused[0]
-        more = f" ({len(refused)} such lines; --skip-invalid leaves them out)"
-        raise ScenarioError(f"{file}, line {line}: {reason}{more}")
-    for line, reason in refused:
-        print(f"{file}, line {line}: left out: {reason}", file=sys.stderr)
+def given_list(scenarios: Sequence[Scenario], sim: SimConfig, *, num_threads: int = 1) -> ScenarioList:
+    """A list of scenarios that were made or read elsewhere.
+
+    Args:
+        scenarios: Start, goal and obstacles of each.
+        sim: The robot that has to run them.
+        num_threads: Threads for shortest paths that have to be computed.
+
+    Returns:
+        The list with its shortest paths.
+
+    Raises:
+        ScenarioError: There is none, or a start is in contact, a goal unreachable or less than 0.1 m away.
+    """
+    kept = tuple(scenarios)
+    if not kept:
+        raise ScenarioError("scenarios: expected at least one")
+    examined = _examine("".join(scenario.to_json() + "\n" for scenario in kept), sim, num_threads)
+    if examined.refused:
+        (line, reason), *others = examined.refused
+        more = f" ({_and_more(others, 'scenario')})" if others else ""
+        raise ScenarioError(f"scenario {line - 1}: {reason}{more}")
+    return ScenarioList("given", kept, examined.lengths, hash_scenarios(kept))
+
+
+class _Examined(NamedTuple):
+    """Scenarios of a text that the robot can run, and what is wrong with the other lines."""
+
+    lines: tuple[int, ...]
+    """Line of each scenario, from 1."""
+    scenarios: tuple[Scenario, ...]
+    lengths: NDArray[np.float64]
+    """(scenarios,) lengths of their shortest paths, metres."""
+    refused: list[tuple[int, str]]
+    """Line and reason, in the order of the lines."""
+
+
+def _examine(text: str, sim: SimConfig, num_threads: int) -> _Examined:
+    good, refused = _navsim.read_list(text, config_json(sim))
+    lengths = shortest_lengths([scenario for _, scenario in good], robot_radius(sim), num_threads=num_threads)
+    usable = np.isfinite(lengths) & (lengths >= SHORTEST_MIN)
+    kept = [good[i] for i in np.flatnonzero(usable)]
+    refused += [(good[i][0], _fault(float(lengths[i]))) for i in np.flatnonzero(~usable)]
+    lines, scenarios = tuple(line for line, _ in kept), tuple(scenario for _, scenario in kept)
+    return _Examined(lines, scenarios, lengths[usable], sorted(refused))
+
+
+def _and_more(others: Sequence[object], noun: str) -> str:
+    return f"and {len(others)} more {noun}{'s' if len(others) > 1 else ''}"
 
 
 def _fault(length: float) -> str:
