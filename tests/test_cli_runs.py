@@ -209,6 +209,23 @@ def test_the_first_line_is_out_before_torch_is_loaded(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_full_world_and_a_policy_that_does_not_fit_are_refused_before_torch_is_loaded(
+    policy: Path, tmp_path: Path
+) -> None:
+    full = {"area": [-5, -5, 5, 5], "random_boxes": {"count": 60, "sides": [1.0, 1.5], "clearance": 0.5}}
+    (tmp_path / "full.json").write_text(json.dumps(full))
+    for arguments, expected in (
+        (["--world", "full.json"], f"navrl: world '{tmp_path / 'full.json'}' is too full: "),
+        (["--init", str(policy), "--lidar.bins", "10"], "navrl: --init: the policy has bins = 20, this run has 10\n"),
+    ):
+        done = python(without_torch(["train", *arguments, "--out", "run"]), tmp_path)
+        assert done.returncode == 2, done.stderr
+        assert done.stderr.startswith(expected)
+        assert len(done.stderr.splitlines()) == 1
+        assert done.stderr.count("full.json") <= 1
+        assert [path.name for path in tmp_path.iterdir()] == ["full.json"]
+
+
 def test_values_that_are_not_finite_are_exit_code_3(tmp_path: Path) -> None:
     arguments = ["train", *map(str, SMALL), "--out", "run"]
     done = python(

@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from navrl.config import Config, LidarConfig, NetworksConfig, RobotConfig
+from navrl.config import Config, LidarConfig, NetworksConfig, RobotConfig, WorldConfig
 from navrl.policy import BLOCK, CACHED_ROWS, Policy, PolicyDescription, PolicyError, load_policy, save_policy
 
 INF, NAN = math.inf, math.nan
@@ -342,6 +342,14 @@ def test_keys_of_policy_json(tmp_path: Path) -> None:
         "schema", "encoding", "hidden_sizes", "v_max", "omega_max", "beams", "fov", "range_max", "bins", "period_s",
         "footprint", "scores",
     }  # fmt: skip
+
+
+def test_scores_say_in_which_world(tmp_path: Path) -> None:
+    assert PolicyDescription.from_config(Config(), {"spl": 0.8}).scores == {"world": "td3", "spl": 0.8}
+    assert PolicyDescription.from_config(Config()).scores is None
+    (tmp_path / "office.json").write_text("{}")
+    office = Config(world=WorldConfig(name=str(tmp_path / "office.json")))
+    assert PolicyDescription.from_config(office, {"spl": 0.8}).scores == {"world": "office.json", "spl": 0.8}
 
 
 def test_a_description_leads_back_to_the_configuration() -> None:

@@ -572,7 +572,8 @@ def test_the_files_of_a_run_and_the_keys_of_its_summary(tmp_path: Path, capsys: 
     assert "navrl play" in capsys.readouterr().out
     # The one evaluator: loading the policy and evaluating it gives the same scores.
     policy = load_policy(folder)
-    assert evaluate(policy, "test", sim=config.sim).summary.to_json() == summary["scores"] == policy.description.scores
+    assert evaluate(policy, "test", sim=config.sim).summary.to_json() == summary["scores"]
+    assert policy.description.scores == {"world": "td3", **summary["scores"]}
 
 
 def test_updates_follow_the_schedules(whole: dict[str, dict[str, Any]]) -> None:
@@ -638,9 +639,9 @@ def test_a_first_policy_is_where_training_begins(tmp_path: Path) -> None:
     for actor in (run.learner.actor, run.learner.actor_target, run.learner.averaged_actor):
         assert all(np.array_equal(first[name], tensor.numpy()) for name, tensor in actor.state_dict().items())
     with pytest.raises(UserError, match=r"hidden_sizes = \(16, 16\), this run has \(16, 8\)"):
-        train(small("fast", networks__hidden_sizes="[16, 8]"), tmp_path / "third", init=tmp_path / "first")
-    # Nothing was written: the folder can be used once the mistake is put right.
-    assert list((tmp_path / "third").iterdir()) == []
+        train(small("fast", networks__hidden_sizes="[16, 8]"), tmp_path / "more" / "third", init=tmp_path / "first")
+    # No folder is left of runs that wrote nothing.
+    assert [path.name for path in tmp_path.iterdir()] == ["first"]
 
 
 def test_replay_that_does_not_fit_into_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -648,6 +649,12 @@ def test_replay_that_does_not_fit_into_memory_is_refused(tmp_path: Path, monkeyp
     # 1,500 rows of 2 x 26 + 2 + 2 numbers of 4 bytes
     with pytest.raises(UserError, match=r"1,500 rows take 0 MB, .* at most 446 rows fit"):
         train(small("fast"), tmp_path / "run", test=False)
+    assert list(tmp_path.iterdir()) == []
+    # A folder that was there stays.
+    (tmp_path / "run").mkdir()
+    with pytest.raises(UserError, match="rows fit"):
+        train(small("fast"), tmp_path / "run", test=False)
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
 def test_ddpg_runs_too(tmp_path: Path) -> None:

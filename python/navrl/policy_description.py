@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Mapping
 from importlib import metadata
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from navrl.encoding import Encoding, encoded_size
@@ -102,7 +103,7 @@ class PolicyDescription:
 
         Args:
             config: Configuration of the training run.
-            scores: What the policy reached, if known.
+            scores: What the policy reached in that configuration's world, if known.
 
         Returns:
             The description.
@@ -116,7 +117,7 @@ class PolicyDescription:
             period_s=task.period,
             time_limit_s=task.time_limit,
             footprint={"kind": robot.footprint} | {size: getattr(robot, size) for size in SIZES[robot.footprint]},
-            scores=scores,
+            scores=None if scores is None else {"world": Path(config.world.name).name, **scores},
             **{key: getattr(robot, key) for key in ROBOT_KEYS},
             **{key: getattr(lidar, key) for key in LIDAR_KEYS},
             **{key: getattr(task, key) for key in TASK_KEYS},
@@ -146,6 +147,20 @@ class PolicyDescription:
                 **{key: getattr(self, key) for key in TASK_KEYS},
             ),
         )
+
+    def check_first(self, policy: PolicyDescription) -> None:
+        """Refuses a policy that cannot be where the training of this one begins.
+
+        Args:
+            policy: Its description.
+
+        Raises:
+            PolicyError: Names the first difference in networks or lidar bins.
+        """
+        for key in ("encoding", "hidden_sizes", "bins"):
+            own, given = getattr(self, key), getattr(policy, key)
+            if own != given:
+                raise PolicyError(f"--init: the policy has {key} = {given}, this run has {own}")
 
     @property
     def lidar_layout(self) -> LidarLayout:

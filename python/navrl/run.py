@@ -128,7 +128,7 @@ class Run:
         try:
             self.sim = BatchSim(config.sim, num_envs=training.num_envs, seed=training.seed, num_threads=self.threads)
         except ValueError as error:
-            raise UserError(f"world.name = {config.world.name}: {error}") from None
+            raise UserError(str(error)) from None
         self.validation_list = self.load_list("validation", config.validation.scenarios)
         self.replay = Replay(config.replay.capacity, row_width(inputs))
         self.learner = TD3(config, self.replay)
@@ -257,11 +257,7 @@ class Run:
         Raises:
             UserError: It does not fit.
         """
-        own, other = self.description(None), policy.description
-        for key in ("encoding", "hidden_sizes", "bins"):
-            if getattr(own, key) != getattr(other, key):
-                wanted = f"this run has {getattr(own, key)}"
-                raise UserError(f"--init: the policy has {key} = {getattr(other, key)}, {wanted}")
+        self.description(None).check_first(policy.description)
         weights = {name: torch.from_numpy(array) for name, array in policy.weights.items()}
         for actor in (self.learner.actor, self.learner.actor_target, self.learner.averaged_actor):
             actor.load_state_dict(weights)

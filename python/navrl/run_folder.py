@@ -13,6 +13,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Self
@@ -29,7 +30,10 @@ FREE_KEYS = ("checkpoint.every_s", "checkpoint.keep", "threads.simulate")
 
 
 class RunFolder:
-    """A run folder that this process alone writes to, from its creation or opening until it is left."""
+    """A run folder that this process alone writes to, from its creation or opening until it is left.
+
+    Folders that were made for a run which then wrote nothing are removed again.
+    """
 
     def __init__(self, path: Path) -> None:
         """Locks the folder.
@@ -41,6 +45,7 @@ class RunFolder:
             UserError: Another process writes to it.
         """
         self.path = path
+        self._made: list[Path] = []
         # The lock belongs to the open folder, and goes with the process however it ends.
         self._descriptor = os.open(path, os.O_RDONLY)
         try:
@@ -56,6 +61,7 @@ class RunFolder:
         Raises:
             UserError: It is not empty, or cannot be made.
         """
+        missing = [above for above in (path, *path.parents) if not above.exists()]
         try:
             path.mkdir(parents=True, exist_ok=True)
             folder = cls(path)
@@ -66,6 +72,7 @@ class RunFolder:
                 )
         except OSError as error:
             raise UserError(f"{path}: cannot be used as a run folder: {(error.strerror or '').lower()}") from None
+        folder._made = missing
         return folder
 
     @classmethod
@@ -88,6 +95,9 @@ class RunFolder:
 
     def __exit__(self, *_: object) -> None:
         """Lets other processes in."""
+        with suppress(OSError):  # one that holds something stays, and those above it
+            for made in self._made:
+                made.rmdir()
         os.close(self._descriptor)
 
     @property

@@ -123,7 +123,7 @@ def load_list(sim: SimConfig, name: Split, *, count: int | None = None, num_thre
     try:
         drawn = draw_list(sim, name, LIST_SIZES[name])
     except ValueError as error:
-        raise ScenarioError(f"{sim.world.name}, list {name}: {error}") from None
+        raise ScenarioError(f"list {name}: {error}") from None
     sha256 = hash_scenarios(drawn)
     if count is not None and not 1 <= count <= len(drawn):
         raise ScenarioError(f"{count} scenarios of the list {name}: it has 1 to {len(drawn)}")

@@ -1,11 +1,9 @@
 """`navrl train`: checks everything that the user may have got wrong, then trains."""
 
-import json
 import os
 import sys
 import time
 from argparse import Namespace
-from dataclasses import asdict
 from pathlib import Path
 
 from navrl.cli import DONE, NOT_FINITE
@@ -16,6 +14,8 @@ from navrl.errors import UserError
 
 FIXED_BY_RUN = ("preset", "robot", "config", "world", "seed", "seeds", "episodes", "until", "algorithm", "init", "out")
 """Options that a resumed run has no use for."""
+FIRST_DRAWS = 8
+"""Scenarios drawn before the learner is loaded, to see whether the world has room."""
 
 
 def train(options: Namespace) -> int:
@@ -28,7 +28,7 @@ def train(options: Namespace) -> int:
     configs = _configs(options, preset)
     folders = _folders(options.out, preset, configs, several=options.seeds is not None)
     if options.init is not None:
-        _check_policy(options.init)
+        _check_policy(options.init, configs[0])
     _check_world(configs[0])
     for config, folder in zip(configs, folders, strict=True):
         where = f"{config.world.name}, preset {preset}, seed {config.training.seed}"
@@ -105,17 +105,21 @@ def _unused(folder: Path) -> Path:
     return next(name for name in names if not name.exists())
 
 
-def _check_policy(path: str) -> None:
+def _check_policy(path: str, config: Config) -> None:
+    """Refuses a first policy that cannot be loaded or does not fit, before the learner is loaded."""
     from navrl.policy import load_policy
+    from navrl.policy_description import PolicyDescription
 
-    load_policy(path)
+    PolicyDescription.from_config(config).check_first(load_policy(path).description)
 
 
 def _check_world(config: Config) -> None:
-    """Refuses a world that cannot be read or is too narrow for the robot, before the learner is loaded."""
+    """Refuses a world that cannot be read, is too narrow for the robot or too full, before the learner is loaded."""
     from navrl import _navsim
+    from navrl.batch import config_json, draw_list
 
     try:
-        _navsim.check_world(json.dumps(asdict(config.sim)))
+        _navsim.check_world(config_json(config.sim))
+        draw_list(config.sim, "train", FIRST_DRAWS, seed=config.training.seed)
     except ValueError as error:
         raise UserError(str(error)) from error
