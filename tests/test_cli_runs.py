@@ -120,6 +120,29 @@ def test_eval_of_a_file_refuses_what_cannot_be_run_by_line(policy: Path, tmp_pat
     assert "--boxes 4" in navrl("eval", policy, "--boxes", 4, code=2).stderr
 
 
+def test_worlds_are_shown_as_they_were_typed(policy: Path, tmp_path: Path) -> None:
+    (tmp_path / "open.json").write_text(json.dumps({"area": [-3, -3, 3, 3]}))
+    evaluation = navrl("eval", policy, "--world", "open.json", "--episodes", 2, cwd=tmp_path)
+    assert evaluation.stderr == f"navrl: evaluating {policy} on open.json\n"
+    assert evaluation.stdout.startswith(f"{policy} on open.json, list test: 2 scenarios\n")
+    played = navrl("play", policy, "--world", "./open.json", "--out", "p.png", cwd=tmp_path)
+    assert played.stderr == f"navrl: {policy} drives scenario 0 of ./open.json\n"
+    arguments = ["train", "--world", "open.json", "--out", "run"]
+    assert python(without_torch(arguments), tmp_path).stderr.startswith("navrl: training on open.json, preset fast")
+
+
+def test_play_measures_no_ways(policy: Path, tmp_path: Path) -> None:
+    (tmp_path / "open.json").write_text(json.dumps({"area": [-3, -3, 3, 3]}))
+    arguments = ["play", str(policy), "--world", "open.json", "--index", "7", "--out", "p.png"]
+    done = python(
+        "import sys, navrl.cli, navrl.scenarios\n"
+        "navrl.scenarios.shortest_lengths = None\n"
+        f"sys.exit(navrl.cli.main({arguments!r}))",
+        tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+
+
 def test_eval_and_play_do_without_torch(policy: Path, tmp_path: Path) -> None:
     for arguments in (["eval", str(policy), "--episodes", "3"], ["play", str(policy), "--out", "p.png"]):
         done = python(without_torch(arguments), tmp_path)

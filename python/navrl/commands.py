@@ -54,7 +54,7 @@ def play(options: Namespace) -> int:
     policy = load_policy(options.policy)
     sim = _simulator(options, policy.description)
     print(f"navrl: {options.policy} drives scenario {index} of {_place(options, sim)}", file=sys.stderr)
-    scenarios = _list(options, sim, count=None, num_threads=threads(None))
+    scenarios = _list(options, sim, count=None, num_threads=threads(None), lengths=False)
     trajectory = drive(policy, scenarios, index, sim)
     write(trajectory, target, title=f"{options.policy} on {_place(options, sim)}, scenario {index}")
     print(f"{target}: {trajectory.outcome} after {trajectory.steps * sim.task.period:.1f} s")
@@ -120,15 +120,18 @@ def _simulator(options: Namespace, description: "PolicyDescription") -> "SimConf
 
 
 def _place(options: Namespace, sim: "SimConfig") -> str:
-    return str(options.scenarios or sim.world.name)
+    """World or file as typed."""
+    return str(options.scenarios or options.world or sim.world.name)
 
 
-def _list(options: Namespace, sim: "SimConfig", *, count: int | None, num_threads: int) -> "ScenarioList":
-    """The scenarios that were asked for: those of a file, or a built-in list."""
+def _list(
+    options: Namespace, sim: "SimConfig", *, count: int | None, num_threads: int, lengths: bool = True
+) -> "ScenarioList":
+    """The scenarios that were asked for: those of a file, or a built-in list, perhaps without its shortest paths."""
     from navrl.scenarios import load_list, read_list
 
     if options.scenarios is None:
-        return load_list(sim, options.list or "test", count=count, num_threads=num_threads)
+        return load_list(sim, options.list or "test", count=count, num_threads=num_threads, lengths=lengths)
     if options.list is not None:
         raise UserError(f"--list {options.list}: goes with a world, not with --scenarios")
     skip = getattr(options, "skip_invalid", False)

@@ -103,7 +103,9 @@ def hash_scenarios(scenarios: Sequence[Scenario]) -> str:
     return hashlib.sha256("".join(scenario.to_json() + "\n" for scenario in scenarios).encode()).hexdigest()
 
 
-def load_list(sim: SimConfig, name: Split, *, count: int | None = None, num_threads: int = 1) -> ScenarioList:
+def load_list(
+    sim: SimConfig, name: Split, *, count: int | None = None, num_threads: int = 1, lengths: bool = True
+) -> ScenarioList:
     """A built-in list in the world of a configuration.
 
     Args:
@@ -111,6 +113,7 @@ def load_list(sim: SimConfig, name: Split, *, count: int | None = None, num_thre
         name: Purpose of the list: tuning, validation, test or final.
         count: Only so many from its beginning.
         num_threads: Threads for shortest paths that have to be computed.
+        lengths: False leaves the shortest paths NaN, for who only drives.
 
     Returns:
         The list with its shortest paths.
@@ -128,10 +131,10 @@ def load_list(sim: SimConfig, name: Split, *, count: int | None = None, num_thre
     if count is not None and not 1 <= count <= len(drawn):
         raise ScenarioError(f"{count} scenarios of the list {name}: it has 1 to {len(drawn)}")
     kept = tuple(drawn[:count])
-    lengths = _shipped_lengths(sim, name, sha256)
-    if lengths is None:
-        lengths = shortest_lengths(kept, robot_radius(sim), num_threads=num_threads)
-    return ScenarioList(name, kept, lengths[: len(kept)], hash_scenarios(kept))
+    shortest = _shipped_lengths(sim, name, sha256) if lengths else np.full(len(kept), math.nan)
+    if shortest is None:
+        shortest = shortest_lengths(kept, robot_radius(sim), num_threads=num_threads)
+    return ScenarioList(name, kept, shortest[: len(kept)], hash_scenarios(kept))
 
 
 def read_list(file: str | Path, sim: SimConfig, *, skip_invalid: bool = False, num_threads: int = 1) -> ScenarioList:

@@ -31,7 +31,7 @@ def train(options: Namespace) -> int:
         _check_policy(options.init, configs[0])
     _check_world(configs[0])
     for config, folder in zip(configs, folders, strict=True):
-        where = f"{config.world.name}, preset {preset}, seed {config.training.seed}"
+        where = f"{options.world or config.world.name}, preset {preset}, seed {config.training.seed}"
         print(f"navrl: training on {where}; run folder {folder}", file=sys.stderr)
         from navrl import train as training
 
