@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,18 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from navrl.config import Config, LearnerConfig, LidarConfig, NetworksConfig, SimConfig, TrainingConfig
+from navrl.config import (
+    Config,
+    LearnerConfig,
+    LidarConfig,
+    NetworksConfig,
+    ReplayConfig,
+    RobotConfig,
+    SimConfig,
+    TaskConfig,
+    TrainingConfig,
+    WorldConfig,
+)
 from navrl.config_files import PRESETS, ROBOTS, Option, load_config, load_sim
 from navrl.config_ranges import allowed, choices, keys
 from navrl.errors import ConfigError, UserError, shown
@@ -242,6 +254,48 @@ def test_python_users_meet_the_same_checks() -> None:
     with pytest.raises(ValueError, match="hidden_sizes"):
         NetworksConfig(hidden_sizes=(True, True))
     assert issubclass(ConfigError, UserError)
+
+
+PYTHON_FAULTS: dict[str, tuple[Callable[[], object], str]] = {
+    "range": (lambda: RobotConfig(radius=-1), "robot.radius = -1: must be a number in (0, 10]"),
+    "place": (lambda: RobotConfig("disc", 20.0), "robot.radius = 20.0: must be a number in (0, 10]"),
+    "word": (
+        lambda: LidarConfig(caster="rastr"),  # type: ignore[arg-type]
+        'lidar.caster = "rastr": must be "auto", "raster" or "parry"; did you mean raster?',
+    ),
+    "list": (
+        lambda: LidarConfig(mount=(0, 0, math.inf)),
+        "lidar.mount = [0, 0, inf]: must be a list of 3 numbers in [-10, 10]",
+    ),
+    "world": (lambda: WorldConfig(name="offic.json"), f'world.name = "offic.json": must be {BUILT_IN}'),
+    "misspelt": (lambda: WorldConfig(name="td4"), f'world.name = "td4": must be {BUILT_IN}; did you mean td3?'),
+    "replaced": (lambda: replace(RobotConfig(), v_max=0.0), "robot.v_max = 0.0: must be a number in (0, 100]"),
+    "several": (
+        lambda: TaskConfig(period=0, goal_radius=0),
+        "task.period = 0: must be a number in [0.001, 10] (and 1 more)",
+    ),
+    "unknown": (
+        lambda: LearnerConfig(taus=1),  # type: ignore[call-arg]
+        "learner.taus: no such key; did you mean learner.tau?",
+    ),
+    "table": (lambda: SimConfig(world="td3"), 'world = "td3": must be a WorldConfig'),  # type: ignore[arg-type]
+    "no table": (
+        lambda: SimConfig(wrold=WorldConfig()),  # type: ignore[call-arg]
+        "wrold: no such table or key; did you mean world?",
+    ),
+    "too many": (
+        lambda: ReplayConfig(1, 2),  # type: ignore[call-arg]
+        "ReplayConfig: expected at most 1 settings, got 2",
+    ),
+}
+
+
+@pytest.mark.parametrize(("make", "expected"), PYTHON_FAULTS.values(), ids=PYTHON_FAULTS)
+def test_python_users_read_the_same_lines(make: Callable[[], object], expected: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        make()
+    assert str(refused.value) == expected
+    assert isinstance(refused.value, ValueError)
 
 
 def test_load_sim_leaves_the_learner_alone() -> None:

@@ -115,6 +115,11 @@ def test_an_id_and_a_configuration_agree_about_the_world() -> None:
     assert (other.world, other.task) == (WorldConfig(name="boxes"), SHORT.task)
 
 
+def test_a_world_that_is_not_there_is_one_line() -> None:
+    with pytest.raises(ValueError, match=r"^world\.name = .offic\.json.: must be .*existing \.json file$"):
+        gymnasium.make("navrl/TD3World-v0", world="offic.json")
+
+
 def test_step_before_reset_is_refused() -> None:
     for environment in (NavigationEnv(), NavigationVectorEnv(2)):
         with pytest.raises(gymnasium.error.ResetNeeded, match="call reset"):

@@ -1,7 +1,8 @@
 """The configuration: one tree of frozen dataclasses, whose defaults are the preset "fast".
 
-Types and ranges stand once, in the annotations below, and hold for files, options and Python alike. Settings that
-exclude each other are refused by `navrl.config_checks`; files, presets and options are read by `navrl.config_files`.
+Types and ranges stand once, in the annotations below, and hold for files, options and Python alike. What breaks them is
+put into words by `navrl.config_faults`; settings that exclude each other are refused by `navrl.config_checks`; files,
+presets and options are read by `navrl.config_files`.
 Sections and equations are those of the paper; docs/equations.md lists them. Units are SI, angles in radians.
 """
 
@@ -13,6 +14,7 @@ from pydantic import BeforeValidator, ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 from navrl.config_checks import check_config, check_sim
+from navrl.config_faults import one_line
 from navrl.errors import ConfigError, UserError
 
 __all__ = [
@@ -67,6 +69,7 @@ _Count = Annotated[int, Field(ge=0, le=10**12)]
 _Rate = Annotated[float, Field(gt=0, le=1)]
 
 
+@one_line
 @dataclass(frozen=True, config=STRICT)
 class WorldConfig:
     """Where the robot drives and how far its goals lie (section IV, figure 5)."""
@@ -85,6 +88,7 @@ class WorldConfig:
     """Largest u (m); evaluation always uses it."""
 
 
+@one_line
 @dataclass(frozen=True, config=STRICT)
 class RobotConfig:
     """Shape and limits of the robot (section III, equation 6)."""
@@ -107,6 +111,7 @@ class RobotConfig:
     """Largest change of the turning speed (rad/s^2); 0 means no limit."""
 
 
+@one_line
 @dataclass(frozen=True, config=STRICT)
 class LidarConfig:
     """Geometry and noise of the lidar (section III, equation 2)."""
@@ -129,6 +134,7 @@ class LidarConfig:
     """How rays are cast: vectorised ("raster"), by the reference ("parry"), or the faster that fits ("auto")."""
 
 
+@one_line
 @dataclass(frozen=True, config=STRICT)
 class TaskConfig:
     """The episode: period, limits and what ends it (section IV, equation 3)."""
@@ -145,6 +151,7 @@ class TaskConfig:
     """Range under which the rule "sensor" calls the nearest bin a collision (m)."""
 
 
+@one_line
 @dataclass(frozen=True, config=STRICT)
 class RewardConfig:
     """What a step is worth (section II, equations 3 and 5)."""
@@ -159,6 +166,7 @@ class RewardConfig:
     """Added for each metre by which the goal came nearer in the step (1/m)."""
 
 
+@one_line
 @dataclass(frozen=True, config=STRICT)
 class NetworksConfig:
     """Actor and critic (section III, equations 7 and 8)."""
@@ -175,6 +183,7 @@ class NetworksConfig:
     """Ablation: leave the weights of the critic's combined layer (equation 7) untrained."""
 
 
+@one_line
 @dataclass(frozen=True, config=STRICT)
 class LearnerConfig:
     """The update (section III "TD3 Network", equations 4, 9 and 10)."""
@@ -217,6 +226,7 @@ class LearnerConfig:
     """Whether targets are clipped to the bounds that the reward settings imply."""
 
 
+@one_line
 @dataclass(frozen=True, config=STRICT)
 class ReplayConfig:
     """Memory of past steps (section III "TD3 Network")."""
@@ -225,6 +235,7 @@ class ReplayConfig:
     """Rows kept; the oldest make room."""
 
 
+@one_line
 @dataclass(frozen=True, config=STRICT)
 class ExplorationConfig:
     """Noise on training actions (section III "Training", equations 11 and 12)."""
@@ -255,6 +266,7 @@ class ExplorationConfig:
     """Most steps that it lasts (equation 12)."""
 
 
+@one_line
 @dataclass(frozen=True, config=STRICT)
 class TrainingConfig:
     """Length and rhythm of a run (section III "Training")."""
@@ -275,6 +287,7 @@ class TrainingConfig:
     """Stop once a validation's success rate reaches this; 0 turns it off."""
 
 
+@one_line
 @dataclass(frozen=True, config=STRICT)
 class ValidationConfig:
     """Tests during training, which choose the best checkpoint (section III "Training", equation 13)."""
@@ -285,6 +298,7 @@ class ValidationConfig:
     """Scenarios per validation, the first of the world's validation list."""
 
 
+@one_line
 @dataclass(frozen=True, config=STRICT)
 class CheckpointConfig:
     """Saved states, from which a run resumes."""
@@ -295,6 +309,7 @@ class CheckpointConfig:
     """Newest checkpoints kept."""
 
 
+@one_line
 @dataclass(frozen=True, config=STRICT)
 class ThreadsConfig:
     """Processor threads."""
@@ -305,6 +320,7 @@ class ThreadsConfig:
     """Threads of the update; resuming bitwise needs the same number."""
 
 
+@one_line
 @dataclass(frozen=True, config=STRICT)
 class SimConfig:
     """All that the simulator needs: the part of a configuration that the core reads."""
@@ -324,6 +340,7 @@ class SimConfig:
         check_sim(self)
 
 
+@one_line
 @dataclass(frozen=True, config=STRICT)
 class Config:
     """All settings of a run; the defaults are the preset "fast"."""

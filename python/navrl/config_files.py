@@ -14,16 +14,14 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-from pydantic import ValidationError
-
 from navrl.config import WORLDS, Config, SimConfig
-from navrl.config_ranges import allowed, choices, keys
-from navrl.errors import ConfigError, shown
+from navrl.config_faults import meant, out_of_range, unknown_key, unknown_table
+from navrl.config_ranges import keys
+from navrl.errors import ConfigError, SettingError, shown
 
 ROBOTS = ("turtlebot3_burger", "turtlebot3_waffle")
 PRESETS = ("fast", "paper", *ROBOTS)
 LARGEST_FILE = 1 << 20
-LONGEST_KEY = 60
 
 _Tree = TypeVar("_Tree", Config, SimConfig)
 _TABLES = get_type_hints(Config)
@@ -152,7 +150,7 @@ def _syntax(message: str, text: str) -> str:
 
 def _preset(name: str, names: Sequence[str], kind: str) -> Iterator[_Layer]:
     if name not in names:
-        hint = _meant(get_close_matches(name, names, n=1))
+        hint = meant(get_close_matches(name, names, n=1))
         raise ConfigError(f"{shown(name)}: must be one of {', '.join(names)}{hint}", source=f"--{kind}")
     if name != "fast":
         text = files("navrl").joinpath("presets", f"{name}.toml").read_text(encoding="utf-8")
@@ -163,13 +161,13 @@ def _layer(source: str, tables: Mapping[str, Any], folder: Path | None = None) -
     values: dict[str, Any] = {}
     for table, content in tables.items():
         if table not in _TABLES:
-            raise ConfigError(_unknown_table(table), source=source)
+            raise ConfigError(unknown_table(table), source=source)
         if not isinstance(content, dict):
             raise ConfigError(f"{table} = {shown(content)}: must be a table, [{table}]", source=source)
         for name, value in content.items():
             key = f"{table}.{name}"
             if key not in _KEYS:
-                raise ConfigError(_unknown_key(table, name), source=source)
+                raise ConfigError(unknown_key(table, name), source=source)
             values[key] = value
     world = values.get("world.name")
     if isinstance(world, str) and world not in WORLDS:
@@ -204,9 +202,8 @@ def _build(tree: type[_Tree], layers: Sequence[_Layer]) -> _Tree:
         given = {key.partition(".")[2]: value for key, value in values.items() if key.startswith(f"{field.name}.")}
         try:
             tables[field.name] = _TABLES[field.name](**given)
-        except ValidationError as error:
-            at_fault = dict.fromkeys(f"{field.name}.{fault['loc'][0]}" for fault in error.errors())
-            faults += (f"{sources[key]}: {_fault(key, values[key])}" for key in at_fault)
+        except SettingError as error:
+            faults += (f"{sources[key]}: {out_of_range(key, values[key])}" for key in error.keys)
     if faults:
         raise ConfigError(faults[0] + (f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""))
     try:
@@ -216,34 +213,3 @@ def _build(tree: type[_Tree], layers: Sequence[_Layer]) -> _Tree:
         at_fault = dict.fromkeys(error.keys)
         source = next((layer.source for layer in reversed(layers) if at_fault.keys() & layer.values.keys()), "")
         raise ConfigError(error.fault, keys=error.keys, source=source) from None
-
-
-def _fault(key: str, value: object) -> str:
-    words = WORLDS if key == "world.name" else choices(Config, key)
-    hint = _meant(get_close_matches(value, words, n=1)) if isinstance(value, str) else ""
-    # A path is of little use without its end.
-    text = shown(value, longest=4096) if key == "world.name" else shown(value)
-    return f"{key} = {text}: must be {allowed(Config, key)}{hint}"
-
-
-def _unknown_table(name: str) -> str:
-    own = [key for key in _KEYS if key.endswith(f".{name}")]
-    hint = _meant([*own, *get_close_matches(name, _TABLES, n=1)]) or f"; tables are {', '.join(_TABLES)}"
-    return f"{_shown_key(name)}: no such table or key{hint}"
-
-
-def _unknown_key(table: str, name: str) -> str:
-    leaves = [key.removeprefix(f"{table}.") for key in _KEYS if key.startswith(f"{table}.")]
-    near = [f"{table}.{leaf}" for leaf in get_close_matches(name, leaves, n=1)]
-    elsewhere = [key for key in _KEYS if key.endswith(f".{name}")]
-    hint = _meant([*near, *elsewhere]) or f"; [{table}] has {', '.join(leaves)}"
-    return f"{_shown_key(f'{table}.{name}')}: no such key{hint}"
-
-
-def _shown_key(key: str) -> str:
-    plain = key.replace(".", "").replace("_", "").replace("-", "").isalnum() and len(key) <= LONGEST_KEY
-    return key if plain else shown(key)
-
-
-def _meant(names: Sequence[str]) -> str:
-    return f"; did you mean {names[0]}?" if names else ""

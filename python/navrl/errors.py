@@ -39,3 +39,7 @@ class ConfigError(UserError):
         super().__init__(f"{source}: {fault}" if source else fault)
         self.fault = fault
         self.keys = keys
+
+
+class SettingError(ConfigError, ValueError):
+    """Settings of a table that are unknown, of another type, or out of range, given in Python."""
