@@ -71,6 +71,7 @@ BAD_ACTIONS = [
     (np.zeros((3, 2)), TypeError, "actions: expected dtype float32, got float64"),
     (np.zeros((2, 2), np.float32), ValueError, r"actions: expected shape \[3, 2\], got \[2, 2\]"),
     (np.zeros(6, np.float32), ValueError, r"actions: expected shape \[3, 2\], got \[6\]"),
+    (np.zeros((3, 2), [("pad", "u1"), ("a", "f4")])["a"], ValueError, "actions: expected aligned elements"),
     (np.zeros((3, 2), ">f4"), TypeError, "actions: expected dtype float32, got >f4"),
     ([[0.0, 0.0]] * 3, TypeError, "actions: expected a numpy array, got list"),
     (None, TypeError, "actions: expected a numpy array, got NoneType"),
@@ -241,25 +242,36 @@ def test_a_fork_is_an_error_and_no_hang() -> None:
     assert subprocess.run([sys.executable, "-c", FORK], timeout=60, check=False).returncode == 0
 
 
-def test_every_instruction_set_gives_the_same_bits() -> None:
+@pytest.mark.parametrize("isa", ["baseline", "avx2", "avx512"])
+def test_every_instruction_set_gives_the_same_bits(isa: str) -> None:
     code = (
         "import hashlib, numpy as np\n"
+        "from navrl import _navsim\n"
         "from navrl.batch import BatchSim\n"
         "sim = BatchSim(num_envs=16, seed=3)\n"
         "digest = hashlib.sha256()\n"
         "for step in range(300):\n"
         "    sim.step(np.random.default_rng(step).uniform(-1, 1, (16, 2)).astype(np.float32))\n"
         "    digest.update(sim.final_observations.tobytes() + sim.ranges.tobytes() + sim.poses.tobytes())\n"
-        "print(digest.hexdigest())\n"
+        "print(_navsim.isa(), digest.hexdigest())\n"
     )
-    outputs = {
-        subprocess.run(
-            [sys.executable, "-c", code],
-            env={**os.environ, "NAVRL_ISA": isa},
-            capture_output=True,
-            check=True,
-            text=True,
-        ).stdout
-        for isa in ("baseline", "avx2", "avx512")
-    }
-    assert len(outputs) == 1
+
+    def run(forced: str | None) -> list[str]:
+        env = (
+            {**os.environ, "NAVRL_ISA": forced} if forced else {k: v for k, v in os.environ.items() if k != "NAVRL_ISA"}
+        )
+        return subprocess.run(
+            [sys.executable, "-c", code], env=env, capture_output=True, check=True, text=True
+        ).stdout.split()
+
+    names = ["baseline", "avx2", "avx512"]
+    best, expected = run(None)
+    used, digest = run(isa)
+    assert used == names[min(names.index(isa), names.index(best))]
+    assert digest == expected
+
+
+def test_an_unknown_instruction_set_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NAVRL_ISA", "sse9")
+    with pytest.raises(ValueError, match="NAVRL_ISA = sse9: expected baseline, avx2 or avx512"):
+        BatchSim(num_envs=1)

@@ -26,7 +26,7 @@ from navrl.batch import BatchSim
 from navrl.checkpoint import CheckpointError, Checkpoints, Chunk
 from navrl.config import Config, SimConfig
 from navrl.config_files import Option, load_config
-from navrl.environment import Environment
+from navrl.machine import Machine
 from navrl.errors import UserError
 from navrl.evaluate import Evaluation, evaluate
 from navrl.policy import Policy
@@ -277,11 +277,15 @@ def test_two_signals_leave_at_once_with_the_last_checkpoint(tmp_path: Path) -> N
         text=True,
     )
     wait_for(folder / "checkpoints" / "00000000", process)
+    # Both signals wait for it when it goes on.
+    process.send_signal(signal.SIGSTOP)
     process.send_signal(signal.SIGINT)
-    time.sleep(0.001)
-    process.send_signal(signal.SIGINT)
-    process.communicate(timeout=60)
+    process.send_signal(signal.SIGTERM)
+    process.send_signal(signal.SIGCONT)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == interrupt.EXIT_CODE
+    assert "training on" in errors
+    assert "stopped after" not in errors
     assert Checkpoints(folder / "checkpoints").newest().record["counts"]["steps"] >= 0
 
 
@@ -438,9 +442,9 @@ def stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_another_environment_is_refused_unless_inexact(
     stopped: Path, monkeypatch: pytest.MonkeyPatch, key: str
 ) -> None:
-    here = Environment.here(small("fast"))
+    here = Machine.here(small("fast"))
     other = replace(here, **{key: "another"})
-    monkeypatch.setattr(run_module.Environment, "here", lambda _: other)
+    monkeypatch.setattr(run_module.Machine, "here", lambda _: other)
     with pytest.raises(CheckpointError, match=rf"{key}: .*, another; --inexact") as refusal:
         resume(stopped)
     assert getattr(here, key) in str(refusal.value)
@@ -517,6 +521,14 @@ def test_an_extension_remembers_its_end(tmp_path: Path, monkeypatch: pytest.Monk
             resume(tmp_path / "run", steps=4000)
     resume(tmp_path / "run")
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["env_steps"] == 4000
+
+
+def test_the_start_of_a_resuming_process_counts(stopped: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("navrl.clock._claimed", False)
+    monkeypatch.setattr("navrl.clock._process_age", lambda: 1000.0)
+    before = Checkpoints(stopped / "checkpoints").newest().record["clock"]["wall_s"]
+    resume(stopped)
+    assert json.loads((stopped / "summary.json").read_text())["wall_s"] > before + 1000.0
 
 
 def test_there_is_nothing_to_resume(tmp_path: Path) -> None:

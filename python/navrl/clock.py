@@ -1,6 +1,7 @@
 """The seconds that a run reports, added up over all processes that worked on it.
 
-RunClock(saved=None)
+RunClock()
+    .resume(saved)               with what .state() returned in the process before
     .start()                     before the first move of this process
     with .updating(): ...        counts as update_s;  with .evaluating(): ...  as eval_s
     .train_s, .update_s, .eval_s, .wall_s;  .state() -> dict
@@ -21,26 +22,28 @@ _claimed = False
 class RunClock:
     """Stopwatches of one run. train_s runs from the first environment step and stands still during evaluation."""
 
-    def __init__(self, saved: Mapping[str, float] | None = None) -> None:
-        """Starts wall_s, at the start of the process for its first run.
-
-        Args:
-            saved: What `state` returned in the process before; None for a new run.
-        """
+    def __init__(self) -> None:
+        """Starts wall_s, at the start of the process for its first run."""
         global _claimed
         self._process_start = time.monotonic() - (0.0 if _claimed else _process_age())
         _claimed = True
-        before = saved or {}
-        self.update_s = before.get("update_s", 0.0)
+        self.update_s = 0.0
         """Seconds in updates."""
-        self.eval_s = before.get("eval_s", 0.0)
+        self.eval_s = 0.0
         """Seconds in validations and the test."""
-        self.trained_s = before.get("trained_s", 0.0)
+        self.trained_s = 0.0
         """train_s at the end of the last update; what a run reports."""
-        self._train_before = before.get("train_s", 0.0)
-        self._wall_before = before.get("wall_s", 0.0)
-        self._eval_before = self.eval_s
+        self._train_before = self._wall_before = self._eval_before = 0.0
         self._started: float | None = None
+
+    def resume(self, saved: Mapping[str, float]) -> None:
+        """Adds the seconds of the processes before, before `start`.
+
+        Args:
+            saved: What `state` returned there.
+        """
+        self.update_s, self.eval_s, self.trained_s = saved["update_s"], saved["eval_s"], saved["trained_s"]
+        self._train_before, self._wall_before = saved["train_s"], saved["wall_s"]
 
     def start(self) -> None:
         """Starts train_s."""

@@ -4,6 +4,7 @@ import os
 from argparse import Namespace
 from pathlib import Path
 
+from navrl.config import THREADS_MAX
 from navrl.config_files import Option
 from navrl.errors import UserError
 
@@ -53,8 +54,8 @@ def whole_number(flag: str, text: str, least: int, most: int) -> int:
 def threads(text: str | None) -> int:
     """Number of threads: as given by --threads, or as many as this process has cores."""
     if text is not None:
-        return whole_number("--threads", text, 1, 1024)
-    from navrl.environment import cores
+        return whole_number("--threads", text, 1, THREADS_MAX)
+    from navrl.machine import cores
 
     return cores()
 

@@ -38,6 +38,8 @@ __all__ = [
 ]
 
 WORLDS = ("td3", "boxes", "open8")
+THREADS_MAX = 256
+"""Most threads of a simulator, as the core has it."""
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
@@ -314,9 +316,9 @@ class CheckpointConfig:
 class ThreadsConfig:
     """Processor threads."""
 
-    simulate: Annotated[int, Field(ge=0, le=1024)] = 0
+    simulate: Annotated[int, Field(ge=0, le=THREADS_MAX)] = 0
     """Threads that step the robots; 0: the cores less those that learn, at least 1. Never changes results."""
-    learn: Annotated[int, Field(ge=1, le=1024)] = 1
+    learn: Annotated[int, Field(ge=1, le=THREADS_MAX)] = 1
     """Threads of the update; resuming bitwise needs the same number."""
 
 

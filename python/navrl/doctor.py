@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navrl.environment import cores, cpu_model
+from navrl.machine import cores, cpu_model
 
 if TYPE_CHECKING:
     from navrl.config import Config

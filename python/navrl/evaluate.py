@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 from navrl.batch import BatchSim, Scenario
 from navrl.config import SimConfig
 from navrl.durable import write_file
-from navrl.environment import cores
+from navrl.machine import cores
 from navrl.metrics import OUTCOMES, RUNNING, Episode, Scores, summarize
 from navrl.policy_description import PolicyDescription, PolicyError
 from navrl.scenarios import ScenarioList, given_list, load_list

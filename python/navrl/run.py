@@ -24,7 +24,7 @@ from navrl.checkpoint import CheckpointError, Checkpoints, Saved
 from navrl.clock import RunClock
 from navrl.config import Config
 from navrl.encoding import encode_observations, encoded_size
-from navrl.environment import Environment, available_memory, cores
+from navrl.machine import Machine, available_memory, cores
 from navrl.errors import UserError
 from navrl.exploration import Exploration
 from navrl.metrics import Scores
@@ -115,7 +115,7 @@ class Run:
             UserError: Memory is too small for replay, or the world cannot hold the robot.
         """
         self.config, self.folder, self.preset, self.test = config, folder, preset, test
-        self.environment, self.inexact = Environment.here(config), False
+        self.machine, self.inexact = Machine.here(config), False
         training, every_steps = config.training, config.validation.every_steps
         self.row_period = max(1, every_steps // ROWS_PER_VALIDATION)
         self.plan = Limits(training.steps, training.episodes, training.until)
@@ -165,7 +165,7 @@ class Run:
         record = saved.record
         config = folder.edited_config(config_from_tables(record["config"]))
         run = cls(config, folder, preset=record["preset"], test=record["test"])
-        differences = Environment(**record["environment"]).differences(run.environment)
+        differences = Machine(**record["environment"]).differences(run.machine)
         if differences and not inexact:
             raise CheckpointError(
                 f"{folder.path}: the run began elsewhere, and its bits would change here: {'; '.join(differences)}; "
@@ -187,7 +187,7 @@ class Run:
         self.encoded = self.encode(self.sim.observations)
         self.counts = Counts(**record["counts"])
         self.limits = Limits(**record["limits"])
-        self.clock = RunClock(record["clock"])
+        self.clock.resume(record["clock"])
         if record["best"] is not None:
             scores: dict[str, Any] = record["best"]["scores"]
             scores |= {key: tuple(value) for key, value in scores.items() if isinstance(value, list)}
@@ -226,7 +226,7 @@ class Run:
             "preset": self.preset,
             "test": self.test,
             "inexact": self.inexact,
-            "environment": asdict(self.environment),
+            "environment": asdict(self.machine),
             "config": asdict(self.config),
             "counts": asdict(self.counts),
             "limits": self.limits._asdict(),
@@ -325,7 +325,7 @@ class Run:
         Returns:
             Names and values; the scores stand under "scores" and, but for their number of episodes, beside it too.
         """
-        here, clock = self.environment, self.clock
+        here, clock = self.machine, self.clock
         scores = {} if test_scores is None else test_scores.to_json()
         run = {
             "schema": SUMMARY_SCHEMA,

@@ -30,7 +30,7 @@ from navrl import _navsim, length_cache
 from navrl.batch import Scenario, config_json, draw_list
 from navrl.config import SimConfig, WorldConfig
 from navrl.durable import write_file
-from navrl.environment import cores
+from navrl.machine import cores
 from navrl.errors import UserError
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ import torch
 
 from navrl.checkpoint import CheckpointError
 from navrl.config import Config
-from navrl.environment import available_memory, cores
+from navrl.machine import available_memory, cores
 from navrl.errors import UserError
 from navrl.evaluate import evaluate
 from navrl.interrupt import Interrupted, Interruption

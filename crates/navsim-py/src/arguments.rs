@@ -34,6 +34,14 @@ pub fn copy_array<T: Element + Copy>(
         let got = array.shape();
         return Err(PyValueError::new_err(format!("{name}: expected shape {shape:?}, got {got:?}")));
     }
+    // A field of a structured array may lie between the places where a T can be read.
+    let whole = |stride: &isize| stride % size_of::<T>() as isize == 0;
+    if !array.is_aligned() || !array.strides().iter().all(whole) {
+        return Err(PyValueError::new_err(format!(
+            "{name}: expected aligned elements, got strides {:?}",
+            array.strides()
+        )));
+    }
     let array = array.cast::<PyArrayDyn<T>>()?.readonly();
     values.clear();
     values.extend(array.as_array().iter().copied());

@@ -72,11 +72,11 @@ impl BatchSim {
     }
 
     fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        Ok(PyBytes::new(py, &self.core.state().map_err(refusal)?))
+        Ok(PyBytes::new(py, &py.detach(|| self.core.state()).map_err(refusal)?))
     }
 
-    fn restore(&mut self, state: &[u8]) -> PyResult<()> {
-        self.core.restore(state).map_err(refusal)
+    fn restore(&mut self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
+        py.detach(|| self.core.restore(state)).map_err(refusal)
     }
 
     fn scenario(&self, robot: usize) -> PyResult<Scenario> {

@@ -19,8 +19,8 @@ mod _navsim {
 
 /// Instruction set that the scan kernels run on: "baseline", "avx2" or "avx512".
 #[pyfunction]
-fn isa() -> &'static str {
-    navsim::lidar::Isa::current().name()
+fn isa() -> PyResult<&'static str> {
+    navsim::lidar::Isa::current().map(|isa| isa.name()).map_err(arguments::refusal)
 }
 
 /// Refuses a configuration whose world cannot be set up for its robot.

@@ -189,7 +189,8 @@ pub fn shortest_path(py: Python<'_>, scenario: &Scenario, radius: f64) -> Option
 
 /// Whether the segment from start to goal, swept by a disc of `radius`, touches an obstacle.
 #[pyfunction]
-pub fn needs_detour(scenario: &Scenario, radius: f64) -> bool {
+pub fn needs_detour(py: Python<'_>, scenario: &Scenario, radius: f64) -> bool {
     let core = &scenario.core;
-    navsim::planner::needs_detour(&core.shapes, radius, [core.start.x, core.start.y], core.goal)
+    let start = [core.start.x, core.start.y];
+    py.detach(|| navsim::planner::needs_detour(&core.shapes, radius, start, core.goal))
 }

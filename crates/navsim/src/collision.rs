@@ -8,7 +8,7 @@ use crate::world::Obstacles;
 pub const CLEARANCE_MAX: f32 = 1000.0;
 /// The footprint touches when its clearance is at most this, m: five times the rounding error of a clearance in a 30 m
 /// room, a fifth of what is promised.
-const CONTACT: f32 = 2e-5;
+pub const CONTACT: f32 = 2e-5;
 /// The arc is followed in steps of at least this, m, so that sliding along a wall ends; what a step can overlook is less.
 const ADVANCE_MIN: f32 = 5e-5;
 

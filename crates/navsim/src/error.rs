@@ -2,7 +2,8 @@
 
 use thiserror::Error;
 
-/// A refusal of the simulator. Every message fits on one line; the simulator is untouched by a call that returns one.
+/// A refusal of the simulator. Every message fits on one line. The simulator is untouched by a call that returns one,
+/// except by `WorldTooFull` in the middle of a run: some robots have then begun an episode and others not.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum Error {
     /// A setting is out of its range or contradicts another.

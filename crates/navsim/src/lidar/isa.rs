@@ -8,8 +8,8 @@
 use super::fan::Fan;
 use super::noise::{self, Noise};
 use super::raster::{self, Scratch, View};
+use crate::error::{Error, Result};
 use crate::world::Outline;
-use std::sync::OnceLock;
 
 /// An instruction set that the kernels are compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -23,14 +23,16 @@ pub enum Isa {
 }
 
 impl Isa {
-    /// The best that this machine has, or a lower one that `NAVRL_ISA` asks for; decided once.
-    pub fn current() -> Self {
-        static CHOSEN: OnceLock<Isa> = OnceLock::new();
-        *CHOSEN.get_or_init(|| {
-            let best = Self::detect();
-            let forced = std::env::var("NAVRL_ISA").ok().and_then(|name| Self::named(&name));
-            forced.map_or(best, |isa| isa.min(best))
-        })
+    /// The best that this machine has, or a lower one that the environment variable `NAVRL_ISA` asks for.
+    ///
+    /// # Errors
+    /// `NAVRL_ISA` holds another word.
+    pub fn current() -> Result<Self> {
+        let best = Self::detect();
+        let Ok(name) = std::env::var("NAVRL_ISA") else { return Ok(best) };
+        let expected =
+            || Error::Setting { key: "NAVRL_ISA", value: name.clone(), expected: "baseline, avx2 or avx512".into() };
+        Self::named(&name).map(|isa| isa.min(best)).ok_or_else(expected)
     }
 
     /// The instruction set of that name, `None` for another word.
@@ -85,7 +87,7 @@ macro_rules! dispatched {
                 fn avx512($($argument: $type),*) {
                     $kernel($($argument),*)
                 }
-                match isa.min(Isa::current_best()) {
+                match isa.min(Isa::detect()) {
                     // SAFETY: `isa` is at most what `detect` found on this machine, which tests each enabled feature.
                     Isa::Avx512 => return unsafe { avx512($($argument),*) },
                     // SAFETY: as above.
@@ -97,14 +99,6 @@ macro_rules! dispatched {
             $kernel($($argument),*)
         }
     };
-}
-
-impl Isa {
-    /// `detect`, asked once.
-    fn current_best() -> Self {
-        static BEST: OnceLock<Isa> = OnceLock::new();
-        *BEST.get_or_init(Self::detect)
-    }
 }
 
 dispatched!(scan => raster::scan, (

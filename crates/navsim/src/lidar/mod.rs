@@ -11,6 +11,7 @@ pub use fan::beam_angle;
 pub use isa::Isa;
 
 use crate::config::{Caster, LidarConfig};
+use crate::error::Result;
 use crate::pose::Pose;
 use crate::rng::StreamName;
 use crate::world::Obstacles;
@@ -61,9 +62,12 @@ pub struct NoiseName {
 }
 
 impl Lidar {
-    /// The lidar of a configuration that has passed `SimConfig::validate`, on the best instruction set of the machine.
-    pub fn new(config: &LidarConfig) -> Self {
-        Self::with_isa(config, Isa::current())
+    /// The lidar of a configuration that has passed `SimConfig::validate`, on the instruction set of `Isa::current`.
+    ///
+    /// # Errors
+    /// That of `Isa::current`.
+    pub fn new(config: &LidarConfig) -> Result<Self> {
+        Ok(Self::with_isa(config, Isa::current()?))
     }
 
     /// As `new`, on the instruction set `isa` (or the machine's best, if that is lower).

@@ -14,7 +14,7 @@ use crate::world::Shape;
 
 /// A start whose clearance is below the radius by no more than this (m) counts as free: single precision elsewhere in
 /// the simulator cannot tell. The path is then found for a radius that is smaller by as much.
-const CONTACT: f64 = 1e-4;
+const SLACK: f64 = 1e-4;
 
 /// Length (m) of the shortest curve from `start` to the disc of `goal_radius` (m, >= 0) about `goal` on which a disc of
 /// `radius` (m, > 0) touches no shape; for a rectangle give its circumscribed radius. `shapes` must have passed
@@ -36,7 +36,7 @@ pub fn shortest_path(shapes: &[Shape], radius: f64, start: Point, goal: Point, g
     }
     let solids = grown(shapes, radius);
     let clearance = solids.iter().fold(0.0, |nearest: f64, solid| nearest.min(solid.clearance(start)));
-    if clearance < -CONTACT {
+    if clearance < -SLACK {
         return None;
     }
     let radius = radius + clearance;

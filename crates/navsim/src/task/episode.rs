@@ -3,7 +3,7 @@
 use super::observation::{goal_in_robot, write_extra};
 use super::reward::{Step, paper_reward, reward};
 use super::{EXTRA, Outcome};
-use crate::collision::{clearance, sweep};
+use crate::collision::{CONTACT, clearance, sweep};
 use crate::config::{CollisionRule, SimConfig, max_steps};
 use crate::error::{Error, Result};
 use crate::lidar::{Lidar, NoiseName, ScanBuffer, Surroundings};
@@ -100,7 +100,7 @@ impl Task {
             Some(scenarios) => Source::Scenarios(prepare(scenarios, &footprint)?),
             None => Source::Generator(Box::new(Generator::new(&config.world, &footprint)?)),
         };
-        Ok(Self { lidar: Lidar::new(&config.lidar), config, footprint, source, seed })
+        Ok(Self { lidar: Lidar::new(&config.lidar)?, config, footprint, source, seed })
     }
 
     /// The configuration.
@@ -284,7 +284,7 @@ fn prepare(scenarios: Vec<Scenario>, footprint: &Footprint) -> Result<Vec<(Scena
         scenario.validate()?;
         let obstacles = Obstacles::new(&scenario.shapes);
         let start = &scenario.start;
-        if clearance(footprint, start, [&obstacles, &none]) <= 0.0 {
+        if clearance(footprint, start, [&obstacles, &none]) <= CONTACT {
             let [x, y, yaw] = [start.x, start.y, start.yaw];
             return Err(Error::Scenario(format!("scenario {index}: its start [{x}, {y}, {yaw}] is in contact")));
         }

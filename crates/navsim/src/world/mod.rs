@@ -16,5 +16,5 @@ pub use file::{RandomBoxes, WorldFile};
 pub use generator::{Generator, Layout};
 pub use obstacles::Obstacles;
 pub(crate) use outline::{Edge, Outline};
-pub use scenario::{Scenario, ScenarioList, read_list};
+pub use scenario::{Scenario, ScenarioList};
 pub use shapes::Shape;

@@ -10,7 +10,7 @@ use crate::robot::Footprint;
 
 const KEYS: [&str; 5] = ["start", "goal", "goal_radius", "time_limit", "shortest"];
 /// Clearance (m) below which a footprint counts as in contact: what single precision resolves in a step.
-const CONTACT: f64 = 1e-4;
+const START_MARGIN: f64 = 1e-4;
 /// Largest radius of a goal, m.
 const GOAL_RADIUS_MAX: f64 = 100.0;
 /// Longest episode, s.
@@ -140,10 +140,10 @@ impl Scenario {
 
     fn check_start(&self, footprint: &Footprint, solids: &Solids) -> Result<()> {
         let clearance = clearance(solids, footprint, &self.start);
-        if clearance < CONTACT {
+        if clearance < START_MARGIN {
             return Err(Error::Scenario(format!(
                 "start [{}, {}, {}] is in contact: the footprint's clearance is {clearance:.4} m, expected at least \
-                 {CONTACT} m",
+                 {START_MARGIN} m",
                 self.start.x, self.start.y, self.start.yaw
             )));
         }
@@ -198,21 +198,6 @@ impl ScenarioList {
         }
         list
     }
-}
-
-/// Reads a list (JSON Lines) without regard to a robot; blank lines, carriage returns and a byte order mark are passed
-/// over.
-///
-/// # Errors
-/// `Error::Line` for the first line that is refused, `Error::Parse` if there is no scenario.
-pub fn read_list(text: &str) -> Result<Vec<Scenario>> {
-    let scenarios: Vec<Scenario> = read_lines(text)
-        .map(|(line, scenario)| scenario.map_err(|error| at_line(line, &error)))
-        .collect::<Result<_>>()?;
-    if scenarios.is_empty() {
-        return Err(Error::Parse("the list holds no scenario".into()));
-    }
-    Ok(scenarios)
 }
 
 fn at_line(line: usize, error: &Error) -> Error {

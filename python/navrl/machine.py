@@ -1,6 +1,6 @@
 """What the bits of a run depend on besides its configuration: the processor, the builds and the learner's threads.
 
-Environment.here(config) -> Environment;  .differences(other) -> list of lines
+Machine.here(config) -> Machine;  .differences(other) -> list of lines
 cpu_model(), cores(), available_memory()
 """
 
@@ -16,15 +16,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from navrl.config import THREADS_MAX
+
 if TYPE_CHECKING:
     from navrl.config import Config
 
 CGROUP = Path("/sys/fs/cgroup")
 """Limits of a container, where there is one."""
+RECLAIMABLE = ("inactive_file", "active_file", "slab_reclaimable")
+"""Lines of memory.stat: cached files and what the kernel keeps about them."""
 
 
 @dataclass(frozen=True)
-class Environment:
+class Machine:
     """What has to be equal for a resumed run to continue bit for bit."""
 
     navrl: str
@@ -47,7 +51,7 @@ class Environment:
     """Hash of the world file; empty for a built-in world."""
 
     @classmethod
-    def here(cls, config: Config) -> Environment:
+    def here(cls, config: Config) -> Machine:
         """The present one, for a run of that configuration."""
         import torch
 
@@ -66,7 +70,7 @@ class Environment:
             world_sha256=hashlib.sha256(world.read_bytes()).hexdigest() if world.suffix else "",
         )
 
-    def differences(self, other: Environment) -> list[str]:
+    def differences(self, other: Machine) -> list[str]:
         """What differs, as `name: own value, other value`."""
         names = [field.name for field in fields(self)]
         pairs = {name: (getattr(self, name), getattr(other, name)) for name in names}
@@ -88,8 +92,9 @@ def cpu_model() -> str:
 
 
 def cores() -> int:
-    """Processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Processor cores that this process may use, at most as many as a simulator can have threads."""
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(usable, THREADS_MAX)
 
 
 def available_memory() -> int | None:
@@ -100,7 +105,15 @@ def available_memory() -> int | None:
         free += [int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:")]
         limit = (CGROUP / "memory.max").read_text(encoding="utf-8").strip()
         if limit != "max":
-            free.append(int(limit) - int((CGROUP / "memory.current").read_text(encoding="utf-8")))
+            used = int((CGROUP / "memory.current").read_text(encoding="utf-8")) - _reclaimable_memory()
+            free.append(int(limit) - max(0, used))
     except (OSError, ValueError):
         pass
     return min(free, default=None)
+
+
+def _reclaimable_memory() -> int:
+    """Memory (bytes) that counts as used by the container but is given back when somebody needs it."""
+    lines = (CGROUP / "memory.stat").read_text(encoding="utf-8").splitlines()
+    amounts = dict(line.split(maxsplit=1) for line in lines)
+    return sum(int(amounts.get(name, 0)) for name in RECLAIMABLE)
