@@ -1,0 +1,71 @@
+"""Cores and memory that a run may take: within the limits of a container, and as many threads as the core allows."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from navrl import machine
+from navrl.batch import BatchSim
+from navrl.config import THREADS_MAX
+
+MB = 10**6
+
+
+def container(folder: Path, *, limit: str, used: int, **stat: int) -> None:
+    """The files that tell the limits of a container."""
+    (folder / "memory.max").write_text(f"{limit}\n")
+    (folder / "memory.current").write_text(f"{used}\n")
+    (folder / "memory.stat").write_text("".join(f"{name} {amount}\n" for name, amount in stat.items()))
+
+
+@pytest.mark.parametrize(
+    ("used", "stat", "available"),
+    [
+        (30 * MB, {"anon": 30 * MB}, 70 * MB),
+        # Cached files are given back: 90 - 40 - 20 - 10 of 100 MB are in the way.
+        (
+            90 * MB,
+            {
+                "anon": 15 * MB,
+                "file": 65 * MB,
+                "inactive_file": 40 * MB,
+                "active_file": 20 * MB,
+                "slab": 12 * MB,
+                "slab_reclaimable": 10 * MB,
+                "slab_unreclaimable": 2 * MB,
+            },
+            80 * MB,
+        ),
+        # The files are read one after the other, and the kernel counts on meanwhile.
+        (10 * MB, {"inactive_file": 11 * MB}, 100 * MB),
+    ],
+)
+def test_memory_of_a_container_counts_its_cached_files_as_free(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, used: int, stat: dict[str, int], available: int
+) -> None:
+    container(tmp_path, limit=str(100 * MB), used=used, **stat)
+    monkeypatch.setattr(machine, "CGROUP", tmp_path)
+    assert machine.available_memory() == available
+
+
+def test_without_a_limit_the_machine_decides(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(machine, "CGROUP", tmp_path)
+    whole = machine.available_memory()
+    assert whole is not None
+    assert whole > 100 * MB
+    container(tmp_path, limit="max", used=30 * MB)
+    unlimited = machine.available_memory()
+    assert unlimited == pytest.approx(whole, rel=0.3)
+
+
+def test_cores_are_at_most_the_threads_of_a_simulator(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(384)), raising=False)
+    assert machine.cores() == THREADS_MAX
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {3, 5}, raising=False)
+    assert machine.cores() == 2
+
+
+def test_the_core_has_the_same_limit() -> None:
+    with pytest.raises(ValueError, match=rf"num_threads = {THREADS_MAX + 1}: expected .*\b{THREADS_MAX}\b"):
+        BatchSim(num_envs=1, num_threads=THREADS_MAX + 1)
