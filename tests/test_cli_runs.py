@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from navrl.config import Config
 from navrl.config_files import ROBOTS, load_config
 from navrl.policy import save_policy
 from navrl.policy_description import PolicyDescription
@@ -50,7 +51,7 @@ def without_torch(arguments: list[str]) -> str:
 @pytest.fixture(scope="module")
 def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of an untrained policy."""
-    description = PolicyDescription()
+    description = PolicyDescription.from_config(Config())
     generator = np.random.Generator(np.random.Philox(0))
     sizes = description.layer_sizes
     names = [*(f"hidden.{i}" for i in range(len(sizes) - 2)), "output"]

@@ -16,7 +16,6 @@ from navrl.cli import main
 from navrl.config import SimConfig, WorldConfig
 from navrl.config_files import load_config
 from navrl.errors import UserError
-from navrl.policy_description import PolicyDescription
 from navrl.scenarios import ScenarioError, read_list
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -202,7 +201,7 @@ def test_refused_scenarios(line: int, edits: World, tmp_path: Path) -> None:
     file = tmp_path / "office.jsonl"
     file.write_text("\n".join(lines))
     with pytest.raises(ScenarioError, match=f"line {line}: ") as refusal:
-        read_list(file, PolicyDescription().sim_config())
+        read_list(file, SimConfig())
     message = str(refusal.value).partition(f"line {line}: ")[2].partition(" (navrl eval")[0]
     assert row("own-world.md", message), message
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from navrl.batch import Scenario
-from navrl.config import LidarConfig, RobotConfig, SimConfig, TaskConfig
+from navrl.config import Config, LidarConfig, RobotConfig, SimConfig, TaskConfig
 from navrl.evaluate import evaluate, print_scores, write_json
 from navrl.metrics import EPISODE_KEYS, Episode
 from navrl.policy import Policy, PolicyDescription, PolicyError
@@ -54,7 +54,7 @@ def scenario(goal: float = 3.0, **changes: object) -> Scenario:
 
 def trained_like() -> Policy:
     """A policy with an odd layer, so that products of many shapes occur."""
-    description = PolicyDescription(hidden_sizes=(33, 16))
+    description = replace(PolicyDescription.from_config(Config()), hidden_sizes=(33, 16))
     generator = np.random.default_rng(0)
     sizes = {"hidden.0": (33, 26), "hidden.1": (16, 33), "output": (2, 16)}
     weights = {f"{n}.weight": generator.standard_normal(s).astype(np.float32) / 5 for n, s in sizes.items()}
@@ -154,7 +154,8 @@ def test_the_learners_copy_of_a_policy_scores_the_same() -> None:
 
 
 def test_robot_and_lidar_come_from_the_policy() -> None:
-    description = PolicyDescription(beams=24, bins=4, v_max=0.2, hidden_sizes=(3,))
+    config = Config(lidar=LidarConfig(beams=24, bins=4), robot=RobotConfig(v_max=0.2))
+    description = replace(PolicyDescription.from_config(config), hidden_sizes=(3,))
     weights = {"hidden.0.weight": np.zeros((3, 10), np.float32), "hidden.0.bias": np.zeros(3, np.float32)}
     weights |= {"output.weight": np.zeros((2, 3), np.float32), "output.bias": np.array([9, 0], np.float32)}
     # 0.02 m a step: 2.7 m take 136.
@@ -166,6 +167,13 @@ def test_robot_and_lidar_come_from_the_policy() -> None:
     ("sim", "message"),
     [
         (SimConfig(robot=RobotConfig(v_max=0.7)), r"robot\.v_max = 0\.7: the policy was trained for 0\.5"),
+        (SimConfig(robot=RobotConfig(acceleration_max=1.0)), r"robot\.acceleration_max = 1\.0: .* trained for 0\.0$"),
+        (
+            SimConfig(robot=RobotConfig(angular_acceleration_max=2.0)),
+            r"robot\.angular_acceleration_max = 2\.0: .* 0\.0$",
+        ),
+        (SimConfig(robot=RobotConfig(radius=0.3)), r"robot\.radius = 0\.3: the policy was trained for 0\.25"),
+        (SimConfig(robot=RobotConfig(footprint="rectangle")), r"robot\.footprint = rectangle: .* trained for disc"),
         (SimConfig(lidar=LidarConfig(fov=2.0)), r"lidar\.fov = 2\.0"),
         (SimConfig(lidar=LidarConfig(beams=360)), r"lidar\.beams = 360: the policy was trained for 180"),
         (SimConfig(task=TaskConfig(period=0.2)), r"task\.period = 0\.2"),
@@ -176,9 +184,9 @@ def test_a_policy_refuses_another_robot(sim: SimConfig, message: str) -> None:
         evaluate(trained_like(), [scenario()], sim=sim)
 
 
-def test_noise_and_acceleration_may_differ_from_training() -> None:
+def test_noise_and_sizes_of_another_footprint_may_differ_from_training() -> None:
     own = SimConfig()
-    other = replace(own, lidar=replace(own.lidar, noise=0.02), robot=replace(own.robot, acceleration_max=1.0))
+    other = replace(own, lidar=replace(own.lidar, noise=0.02), robot=replace(own.robot, length=0.7, width=0.1))
     assert evaluate(trained_like(), [scenario()], sim=other).summary.episodes == 1
 
 

@@ -20,8 +20,13 @@ from navrl.policy import BLOCK, CACHED_ROWS, Policy, PolicyDescription, PolicyEr
 INF, NAN = math.inf, math.nan
 
 
+def described(**changes: object) -> PolicyDescription:
+    """The default robot's policy but for some keys."""
+    return replace(PolicyDescription.from_config(Config()), **changes)  # type: ignore[arg-type]
+
+
 def random_policy(description: PolicyDescription | None = None, seed: int = 0) -> Policy:
-    description = description or PolicyDescription()
+    description = description or described()
     generator = np.random.default_rng(seed)
     sizes = description.layer_sizes
     weights = {}
@@ -49,7 +54,7 @@ def random_observations(count: int, bins: int = 20) -> NDArray[np.float32]:
 
 def test_actions_by_hand() -> None:
     """One hidden unit that sees only the goal's distance: 26 inputs, d / 5 - 1 in column 20."""
-    description = PolicyDescription(hidden_sizes=(1,))
+    description = described(hidden_sizes=(1,))
     weight = np.zeros((1, 26), np.float32)
     weight[0, 20] = 2.0
     policy = Policy(
@@ -73,7 +78,7 @@ def test_actions_by_hand() -> None:
 @pytest.mark.parametrize("encoding", ["inverse", "raw"])
 @pytest.mark.parametrize("hidden_sizes", [(128, 128), (800, 600), (7,), (33, 5, 64)])
 def test_a_row_has_the_same_bits_in_every_batch(encoding: str, hidden_sizes: tuple[int, ...]) -> None:
-    policy = random_policy(PolicyDescription(encoding=encoding, hidden_sizes=hidden_sizes))  # type: ignore[arg-type]
+    policy = random_policy(described(encoding=encoding, hidden_sizes=hidden_sizes))
     observations = random_observations(2 * CACHED_ROWS + BLOCK + 3)
     with threadpool_limits(1, user_api="blas"):
         together = policy.act(observations)
@@ -102,7 +107,7 @@ def test_acting_agrees_with_the_networks_actor() -> None:
     config = NetworksConfig(hidden_sizes=(64, 48))
     actor = Actor(26, config, np.random.default_rng(3))
     weights = {name: tensor.detach().numpy() for name, tensor in actor.named_parameters()}
-    policy = Policy(weights, PolicyDescription(hidden_sizes=(64, 48)))
+    policy = Policy(weights, described(hidden_sizes=(64, 48)))
     observations = random_observations(50)
     with torch.no_grad():
         expected = actor(torch.from_numpy(encode_observations(observations, "inverse"))).numpy()
@@ -153,7 +158,7 @@ def test_the_bad_number_is_named() -> None:
 )
 def test_weights_that_do_not_fit_are_refused(name: str, tensor: NDArray[np.float32], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        Policy(random_policy().weights | {name: tensor}, PolicyDescription())
+        Policy(random_policy().weights | {name: tensor}, described())
 
 
 # Commands
@@ -168,7 +173,7 @@ class Recorder(Policy):
 
 
 def recorder(description: PolicyDescription | None = None) -> Recorder:
-    description = description or PolicyDescription()
+    description = description or described()
     return Recorder(random_policy(description).weights, description)
 
 
@@ -218,7 +223,7 @@ def test_a_goal_exactly_behind_stays_within_float32_pi() -> None:
     ],
 )
 def test_what_becomes_of_readings(readings: list[float], bin_value: float) -> None:
-    policy = recorder(PolicyDescription(range_min=0.2))
+    policy = recorder(described(range_min=0.2))
     ranges = np.full(180, 5.0)
     ranges[9:18] = readings
     policy.command(ranges, *OWN_SCAN, (3.0, 0.0), (0.0, 0.0))
@@ -289,7 +294,7 @@ def test_the_simulators_own_beams_fall_into_its_own_bins() -> None:
     """Beam i belongs to bin floor((2 i + 1) bins / (2 beams)), also where bins and beams do not divide."""
     for beams, bins in ((180, 20), (181, 20), (37, 7), (360, 24), (5, 2)):
         for fov in (math.pi, 1.5 * math.pi, 2 * math.pi):
-            policy = recorder(PolicyDescription(beams=beams, bins=bins, fov=fov))
+            policy = recorder(described(beams=beams, bins=bins, fov=fov))
             width = fov / beams
             ranges = np.random.default_rng(beams).uniform(0.5, 9.0, beams).astype(np.float32)
             policy.command(ranges, -0.5 * fov + 0.5 * width, width, (3.0, 0.0), (0.0, 0.0))
@@ -320,7 +325,7 @@ def test_bad_arguments_of_command_are_refused(arguments: tuple[object, ...], mes
 
 
 def test_a_saved_policy_acts_the_same(tmp_path: Path) -> None:
-    description = PolicyDescription(
+    description = described(
         hidden_sizes=(16, 8),
         footprint={"kind": "rectangle", "length": 0.5, "width": 0.4},
         mount=(0.1, 0.0, 0.0),
@@ -336,7 +341,7 @@ def test_a_saved_policy_acts_the_same(tmp_path: Path) -> None:
 
 
 def test_keys_of_policy_json(tmp_path: Path) -> None:
-    save_policy(tmp_path, random_policy().weights, PolicyDescription())
+    save_policy(tmp_path, random_policy().weights, described())
     record = json.loads((tmp_path / "policy.json").read_text())
     assert set(record) >= {
         "schema", "encoding", "hidden_sizes", "v_max", "omega_max", "beams", "fov", "range_max", "bins", "period_s",
@@ -366,8 +371,8 @@ def test_a_description_leads_back_to_the_configuration() -> None:
 
 
 def test_saving_replaces_the_older_policy(tmp_path: Path) -> None:
-    save_policy(tmp_path, random_policy(seed=1).weights, PolicyDescription())
-    newer = random_policy(PolicyDescription(hidden_sizes=(8,)), seed=2)
+    save_policy(tmp_path, random_policy(seed=1).weights, described())
+    newer = random_policy(described(hidden_sizes=(8,)), seed=2)
     save_policy(tmp_path, newer.weights, newer.description)
     assert np.array_equal(load_policy(tmp_path).act(random_observations(3)), newer.act(random_observations(3)))
 
@@ -402,14 +407,14 @@ def flip_bit(file: Path, position: int) -> None:
 
 
 def test_one_flipped_bit_in_the_weights_is_found(tmp_path: Path) -> None:
-    save_policy(tmp_path, random_policy().weights, PolicyDescription())
+    save_policy(tmp_path, random_policy().weights, described())
     flip_bit(tmp_path / "actor.safetensors", -1000)
     with pytest.raises(PolicyError, match=r"actor.safetensors: damaged: its sha256 is .*, policy.json says"):
         load_policy(tmp_path)
 
 
 def test_every_flipped_bit_in_the_description_is_found(tmp_path: Path) -> None:
-    save_policy(tmp_path, random_policy().weights, PolicyDescription())
+    save_policy(tmp_path, random_policy().weights, described())
     file = tmp_path / "policy.json"
     content = file.read_bytes()
     for position in range(0, len(content), 7):
@@ -423,7 +428,7 @@ def test_every_flipped_bit_in_the_description_is_found(tmp_path: Path) -> None:
 
 
 def test_a_truncated_file_is_found(tmp_path: Path) -> None:
-    save_policy(tmp_path, random_policy().weights, PolicyDescription())
+    save_policy(tmp_path, random_policy().weights, described())
     for name in ("actor.safetensors", "policy.json"):
         content = (tmp_path / name).read_bytes()
         (tmp_path / name).write_bytes(content[: len(content) // 2])
@@ -437,7 +442,7 @@ def test_what_is_no_policy_is_named(tmp_path: Path) -> None:
         load_policy(tmp_path / "nowhere")
     with pytest.raises(PolicyError, match="neither a policy folder"):
         load_policy(tmp_path)
-    save_policy(tmp_path, random_policy().weights, PolicyDescription())
+    save_policy(tmp_path, random_policy().weights, described())
     (tmp_path / "actor.safetensors").unlink()
     with pytest.raises(PolicyError, match=r"actor\.safetensors: missing"):
         load_policy(tmp_path)
@@ -463,7 +468,7 @@ def test_what_is_no_policy_is_named(tmp_path: Path) -> None:
 )
 def test_descriptions_of_no_robot_are_refused(change: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        PolicyDescription(**change)  # type: ignore[arg-type]
+        described(**change)
 
 
 def test_neither_torch_nor_the_simulator_is_imported() -> None:

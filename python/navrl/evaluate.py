@@ -23,7 +23,7 @@ from navrl.config import SimConfig
 from navrl.durable import write_file
 from navrl.machine import cores
 from navrl.metrics import OUTCOMES, RUNNING, Episode, Scores, summarize
-from navrl.policy_description import PolicyDescription, PolicyError
+from navrl.policy_description import ROBOT_KEYS, SIZES, PolicyDescription, PolicyError
 from navrl.scenarios import ScenarioList, given_list, load_list
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def evaluate(
         Scores and episodes.
 
     Raises:
-        PolicyError: The policy was trained for another lidar or other limits than `sim` has, or `sim` is missing.
+        PolicyError: The policy was trained for another robot, lidar or period than `sim` has, or `sim` is missing.
         ScenarioError: There is no such list, it is empty, or the robot cannot run one of its scenarios.
         ValueError: The policy returned actions of another shape.
     """
@@ -153,11 +153,12 @@ def check_fits(description: PolicyDescription, sim: SimConfig) -> None:
         sim: What it is to drive.
 
     Raises:
-        PolicyError: Names the first difference in lidar, limits or period.
+        PolicyError: Names the first difference in limits, footprint, lidar or period.
     """
     own = description.sim_config()
+    sizes = SIZES[own.robot.footprint]
     for table, keys in (
-        ("robot", ("v_max", "omega_max")),
+        ("robot", (*ROBOT_KEYS, "footprint", *sizes)),
         ("lidar", ("bins", "fov", "beams", "range_min", "range_max", "mount")),
         ("task", ("period",)),
     ):

@@ -31,49 +31,49 @@ class PolicyError(UserError, ValueError):
     """A policy that cannot be used; the text names the file and what is wrong with it."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class PolicyDescription:
     """What a policy was trained for: the content of policy.json. The field names are its keys."""
 
-    encoding: Encoding = "inverse"
+    encoding: Encoding
     """Fixed encoding of observations."""
-    hidden_sizes: tuple[int, ...] = (128, 128)
+    hidden_sizes: tuple[int, ...]
     """Units of the hidden layers."""
-    v_max: float = 0.5
+    v_max: float
     """Largest forward speed, m/s."""
-    omega_max: float = 1.0
+    omega_max: float
     """Largest turning speed, rad/s."""
-    acceleration_max: float = 0.0
+    acceleration_max: float
     """Largest change of the forward speed, m/s^2; 0 means no limit."""
-    angular_acceleration_max: float = 0.0
+    angular_acceleration_max: float
     """Largest change of the turning speed, rad/s^2; 0 means no limit."""
-    beams: int = 180
+    beams: int
     """Beams of the lidar."""
-    bins: int = 20
+    bins: int
     """Groups into which the beams are pooled by minimum."""
-    fov: float = math.pi
+    fov: float
     """Field of view of the lidar, radians."""
-    range_min: float = 0.0
+    range_min: float
     """Smallest range of the lidar, metres."""
-    range_max: float = 10.0
+    range_max: float
     """Largest range of the lidar, metres."""
-    noise: float = 0.008
+    noise: float
     """Standard deviation of the lidar's noise, metres."""
-    mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    mount: tuple[float, float, float]
     """Pose [x, y, yaw] of the lidar in the robot's frame (m, m, rad)."""
-    period_s: float = 0.1
+    period_s: float
     """Control period, seconds."""
-    time_limit_s: float = 50.0
+    time_limit_s: float
     """Longest episode of the built-in lists, seconds."""
-    goal_radius: float = 0.3
+    goal_radius: float
     """Distance from the goal, metres, at which it counts as reached and `command` stops the robot."""
-    collision: Literal["footprint", "sensor"] = "footprint"
+    collision: Literal["footprint", "sensor"]
     """What counts as a collision: "footprint" or "sensor"."""
-    sensor_range: float = 0.35
+    sensor_range: float
     """Range of the rule "sensor", metres."""
-    footprint: dict[str, Any] = dataclasses.field(default_factory=lambda: {"kind": "disc", "radius": 0.25})
+    footprint: dict[str, Any]
     """{"kind": "disc", "radius"} or {"kind": "rectangle", "length", "width"}, metres."""
-    scores: dict[str, Any] | None = None
+    scores: dict[str, Any] | None
     """Scores on the list that the policy reports, with the key "world"; None before they are known."""
 
     def __post_init__(self) -> None:
