@@ -22,7 +22,7 @@ import torch
 
 from navrl.config import Config, LearnerConfig, NetworksConfig
 from navrl.replay import Replay, row_width
-from navrl.td3 import TD3
+from navrl.td3 import TD3, flushed_denormals
 
 INPUTS, ROWS = 26, 100_000
 PEER = "stable-baselines3"
@@ -130,8 +130,9 @@ def main() -> int:
         print(f"{PEER} is missing; to measure beside it: pip install {PEER}", file=sys.stderr)
     machine = platform.processor() or platform.machine()
     print(f"updates per second, min / median / max; torch {torch.__version__}, {machine}, 1 thread")
-    for variant in VARIANTS:
-        measure(variant, peer=peer, slices=options.slices, seconds=options.seconds)
+    with flushed_denormals():
+        for variant in VARIANTS:
+            measure(variant, peer=peer, slices=options.slices, seconds=options.seconds)
     return 0
 
 

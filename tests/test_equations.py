@@ -5,7 +5,6 @@ Equations 1, 2, 3, 5, 6 and 13 are tested where they live; docs/equations.md say
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from math import tanh
 
@@ -23,13 +22,6 @@ from navrl.streams import stream
 from navrl.td3 import TD3
 
 TWO_TWO = NetworksConfig(hidden_sizes=(2, 2))
-
-
-@pytest.fixture(autouse=True)
-def _denormals() -> Iterator[None]:
-    """A learner flushes denormal numbers to zero in its thread; other tests must not see that."""
-    yield
-    torch.set_flush_denormal(False)
 
 
 def _set(parameter: Tensor, values: object) -> None:

@@ -38,10 +38,14 @@ def random_step(generator: np.random.Generator) -> SimpleNamespace:
     )
 
 
-def updates(loss: float, actor_loss: float = float("nan")) -> UpdateMetrics:
-    share = float("nan") if math.isnan(actor_loss) else 0.25
+def updates(loss: float, *, actor_updates: int = 0, actor_loss: float = math.nan) -> UpdateMetrics:
     return UpdateMetrics(
-        critic_loss=loss, average_q=2 * loss, maximum_q=3 * loss, actor_loss=actor_loss, saturated_share=share
+        critic_loss=loss,
+        average_q=2 * loss,
+        maximum_q=3 * loss,
+        actor_updates=actor_updates,
+        actor_loss=actor_loss,
+        saturated_share=actor_loss / 100,
     )
 
 
@@ -87,7 +91,7 @@ def test_a_row_holds_means_since_the_row_before() -> None:
     sims = [random_step(generator) for _ in range(2)]
     for sim in sims:
         metrics.add_step(sim)
-    metrics.add_updates(updates(1.0, actor_loss=7.0), 1)
+    metrics.add_updates(updates(1.0, actor_updates=1, actor_loss=7.0), 1)
     metrics.add_updates(updates(4.0), 2)
     numbers = metrics.row(Progress(9, 2, 8, 3.0), scores())
     assert tuple(numbers) == COLUMNS
@@ -100,7 +104,7 @@ def test_a_row_holds_means_since_the_row_before() -> None:
         "average_q": 12.0,
         "maximum_q": 24.0,
         "actor_loss": 7.0,
-        "saturated_share": 0.25,
+        "saturated_share": 0.07,
         "sps": 3.0,
         "ups": 1.5,
         "validation_success": 0.75,
@@ -118,6 +122,15 @@ def test_what_has_no_value_is_none() -> None:
         "updates",
         "train_s",
     }
+
+
+def test_actor_figures_are_means_over_actor_steps() -> None:
+    """8 updates with 3 actor steps, then 2 with 1: (3 x 10 + 1 x 50) / 4, not (8 x 10 + 2 x 50) / 10."""
+    metrics = TrainingMetrics(ROBOTS, reward_scale=0.5)
+    metrics.add_updates(updates(1.0, actor_updates=3, actor_loss=10.0), 8)
+    metrics.add_updates(updates(1.0, actor_updates=1, actor_loss=50.0), 2)
+    numbers = metrics.row(Progress(9, 2, 10, 3.0), None)
+    assert (numbers["actor_loss"], numbers["saturated_share"]) == pytest.approx((20.0, 0.2))
 
 
 def test_saved_metrics_go_on_to_the_same_rows() -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from navrl.config import LearnerConfig
-from navrl.replay import NonFiniteError, NStepAssembler, Replay, row_width
+from navrl.replay import NonFiniteError, NStepAssembler, Replay, Transition, row_width
 
 ENCODED = 3
 
@@ -137,15 +137,16 @@ def _rows_of(episode: list[Step], learner: LearnerConfig, goal_reward: float) ->
 def _push(assembler: NStepAssembler, steps: list[Step]) -> NDArray[np.float32]:
     """One step of every robot."""
     outcome = np.array([step.outcome for step in steps], np.uint8)
-    return assembler.push(
-        np.stack([step.observation for step in steps]),
-        np.stack([step.action for step in steps]),
-        np.array([step.reward for step in steps], np.float32),
-        np.stack([step.successor for step in steps]),
-        (outcome == 1) | (outcome == 2),
-        outcome == 3,
-        outcome,
+    transition = Transition(
+        observations=np.stack([step.observation for step in steps]),
+        actions=np.stack([step.action for step in steps]),
+        rewards=np.array([step.reward for step in steps], np.float32),
+        successors=np.stack([step.successor for step in steps]),
+        terminated=(outcome == 1) | (outcome == 2),
+        truncated=outcome == 3,
+        outcome=outcome,
     )
+    return assembler.push(transition)
 
 
 def _assembler(learner: LearnerConfig, robots: int, goal_reward: float = 100.0) -> NStepAssembler:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from math import isnan
 
@@ -17,15 +16,8 @@ from navrl.encoding import encoded_size
 from navrl.networks import mirror_actions, mirror_encoded
 from navrl.replay import NonFiniteError, Replay, row_width
 from navrl.streams import stream
-from navrl.td3 import BLOCK, TD3, target_bounds
+from navrl.td3 import BLOCK, TD3, flushed_denormals, target_bounds
 from plain_td3 import BINS, SEED, PlainActor, PlainCritic, PlainTD3, made_up_replay, small_config, small_learner
-
-
-@pytest.fixture(autouse=True)
-def _denormals() -> Iterator[None]:
-    """A learner flushes denormal numbers to zero in its thread; other tests must not see that."""
-    yield
-    torch.set_flush_denormal(False)
 
 
 def _assert_same(plain: PlainTD3, td3: TD3) -> None:
@@ -184,7 +176,8 @@ def test_half_of_the_rows_are_mirrored() -> None:
     config = small_config(batch_size=1000)
     td3 = TD3(config, made_up_replay(config), seed=SEED)
     plain = TD3(replace(config, learner=replace(config.learner, mirror=False)), made_up_replay(config), seed=SEED)
-    changed = [(a[0] != b[0]).any(1).float().mean() for a, b in zip(td3._batches(10), plain._batches(10), strict=True)]
+    pairs = zip(td3._batches(10), plain._batches(10), strict=True)
+    changed = [(mirrored.rows != drawn.rows).any(1).float().mean() for mirrored, drawn in pairs]
     # Five standard errors of 10,000 draws: 0.025
     assert float(torch.stack(changed).mean()) == pytest.approx(0.5, abs=0.025)
 
@@ -288,12 +281,27 @@ def test_infinite_parameter_stops_the_update(network: str, name: str) -> None:
         td3.update(1)
 
 
-def test_denormals_are_flushed() -> None:
+def test_denormals_are_flushed_where_asked_and_nowhere_else() -> None:
     """Otherwise the moments of dead units decay into them and slow every update down."""
     small = torch.full((64,), 2e-38)
-    assert (small * 0.01).all()
-    small_learner(small_config())
-    assert not (small * 0.01).any()
+
+    def kept() -> bool:
+        return bool((small * 0.01).all())
+
+    small_learner(small_config()).update(1)
+    assert kept()
+    with flushed_denormals():
+        assert not kept()
+        with flushed_denormals(False):
+            assert kept()
+        assert not kept()
+        with flushed_denormals():
+            pass
+        assert not kept()
+    assert kept()
+    with pytest.raises(ZeroDivisionError), flushed_denormals():
+        raise ZeroDivisionError
+    assert kept()
 
 
 def test_no_rows_no_update() -> None:

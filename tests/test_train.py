@@ -26,9 +26,9 @@ from navrl.batch import BatchSim
 from navrl.checkpoint import CheckpointError, Checkpoints, Chunk
 from navrl.config import Config, SimConfig
 from navrl.config_files import Option, load_config
-from navrl.machine import Machine
 from navrl.errors import UserError
 from navrl.evaluate import Evaluation, evaluate
+from navrl.machine import Machine
 from navrl.policy import Policy
 from navrl.replay import NonFiniteError, Replay, row_width
 from navrl.run import Run
@@ -360,6 +360,60 @@ def test_bad_numbers_stop_the_run_with_step_and_robot_named(
     assert Checkpoints(folder / "checkpoints").newest().record["counts"]["steps"] < 800
     resume(folder)
     assert_same(outcome(folder), whole["fast"])
+
+
+class Full(BatchSim):
+    """A simulator whose world has no room for a new episode after some steps."""
+
+    steps_left = 0
+
+    def step(self, actions: NDArray[np.float32]) -> None:
+        Full.steps_left -= 1
+        if Full.steps_left < 0:
+            raise ValueError("world 'td3' is too full: 1000 draws gave no start and reachable goal (narrow)")
+        super().step(actions)
+
+
+def test_a_world_that_turns_out_too_full_stops_the_run_in_one_line(
+    whole: dict[str, dict[str, Any]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder = tmp_path / "run"
+    with monkeypatch.context() as patch:
+        patch.setattr(run_module, "BatchSim", Full)
+        patch.setattr(Full, "steps_left", 99)
+        assert cli.main(["train", *options("fast", checkpoint__every_s="0.02"), "--out", str(folder)]) == 2
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last.startswith("navrl: training stopped after 792 steps: world 'td3' is too full: ")
+    assert last.endswith(f"; the last checkpoint in {folder / 'checkpoints'} is complete")
+    resume(folder)
+    assert_same(outcome(folder), whole["fast"])
+
+
+def test_actions_that_are_not_finite_are_no_mistake_of_the_users(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(TD3, "act", lambda learner, encoded: np.full((len(encoded), 2), np.nan, np.float32))
+    with pytest.raises(NonFiniteError, match=r"training stopped after 200 steps .* actions: .* robot 0"):
+        train(small("fast"), tmp_path / "run", test=False)
+
+
+def test_what_the_core_refuses_is_said_in_its_own_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_module, "cores", lambda: 384)
+    with pytest.raises(UserError, match=r"^num_threads = 383: expected"):
+        train(small("fast"), tmp_path / "run", test=False)
+
+
+def test_a_run_that_fails_to_start_leaves_the_arithmetic_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise UserError("refused")
+
+    monkeypatch.setattr(run_module, "NStepAssembler", refuse)
+    with pytest.raises(UserError, match="refused"):
+        train(small("fast"), tmp_path / "run", test=False)
+    assert (torch.full((64,), 2e-38) * 0.01).all()
 
 
 def test_bad_parameters_stop_the_run_and_are_not_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -110,9 +110,11 @@ def _simulate() -> str:
 
 def _learn() -> str:
     from navrl.config import Config
+    from navrl.td3 import flushed_denormals
 
-    learner, replay = _learner(Config())
-    metrics = learner.update(10)
+    with flushed_denormals():
+        learner, replay = _learner(Config())
+        metrics = learner.update(10)
     if not np.isfinite(metrics.critic_loss):
         raise ArithmeticError(f"critic loss is {metrics.critic_loss}")
     return f"10 updates of TD3 on {replay.size} rows"
@@ -122,9 +124,11 @@ def _checkpoint() -> str:
     from navrl.checkpoint import Checkpoints
     from navrl.config import Config
     from navrl.replay import Replay
+    from navrl.td3 import flushed_denormals
 
-    learner, replay = _learner(Config())
-    learner.update(3)
+    with flushed_denormals():
+        learner, replay = _learner(Config())
+        learner.update(3)
     state = learner.state()
     with tempfile.TemporaryDirectory() as folder:
         Checkpoints(Path(folder)).save({}, state, replay, keep=2)

@@ -3,8 +3,8 @@
     row = encoded observation | action (2) | encoded successor | return R | bootstrap factor
 
     NStepAssembler(learner, num_envs=, encoded_size=, goal_reward=)
-        .push(encoded, actions, rewards, final_encoded, terminated, truncated, outcome) -> rows (n, width), ready for
-        Replay.add; `encoded` is what the actions were chosen from, `final_encoded` encodes `final_observations`
+        .push(Transition) -> rows (n, width), ready for Replay.add
+    Transition(observations=, actions=, ...): one step of all robots, by name
     Replay(capacity, width)
         .add(rows); .sample(indices) -> (n, width); .added (rows ever added), .size, .capacity, .width, .nbytes
         .oldest, .read(first, last), .write(first, rows): rows by their number since the start, for checkpoints
@@ -15,6 +15,8 @@ A row is complete when it enters the ring, so that a batch is one gather.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,6 +151,26 @@ class Replay:
         self.added = int(state["added"])
 
 
+@dataclass(frozen=True, kw_only=True)
+class Transition:
+    """One step of every robot."""
+
+    observations: NDArray[np.float32]
+    """(num_envs, encoded_size) what the actions were chosen from, encoded."""
+    actions: NDArray[np.float32]
+    """(num_envs, 2) in [-1, 1]."""
+    rewards: NDArray[np.float32]
+    """(num_envs,) unscaled."""
+    successors: NDArray[np.float32]
+    """(num_envs, encoded_size) `final_observations`, encoded."""
+    terminated: NDArray[np.bool_]
+    """(num_envs,) goal or collision."""
+    truncated: NDArray[np.bool_]
+    """(num_envs,) time limit."""
+    outcome: NDArray[np.uint8]
+    """(num_envs,) 0 running, 1 goal, 2 collision, 3 time-out."""
+
+
 class NStepAssembler:
     """Builds the rows of many robots from their steps.
 
@@ -187,26 +209,11 @@ class NStepAssembler:
         self._steps = np.zeros(num_envs, np.int64)
         self._newest = 0
 
-    def push(
-        self,
-        encoded: NDArray[np.float32],
-        actions: NDArray[np.float32],
-        rewards: NDArray[np.float32],
-        final_encoded: NDArray[np.float32],
-        terminated: NDArray[np.bool_],
-        truncated: NDArray[np.bool_],
-        outcome: NDArray[np.uint8],
-    ) -> NDArray[np.float32]:
-        """Takes one step of every robot; the arrays are copied.
+    def push(self, transition: Transition) -> NDArray[np.float32]:
+        """Takes one step of every robot.
 
         Args:
-            encoded: (num_envs, encoded_size) encoded observations before the step.
-            actions: (num_envs, 2) in [-1, 1].
-            rewards: (num_envs,) unscaled.
-            final_encoded: (num_envs, encoded_size) encoded `final_observations`.
-            terminated: (num_envs,) goal or collision.
-            truncated: (num_envs,) time limit.
-            outcome: (num_envs,) 0 running, 1 goal, 2 collision, 3 timeout.
+            transition: Its arrays are copied.
 
         Returns:
             (n, width) float32: rows that are complete now, older steps first, then in the robots' order.
@@ -214,21 +221,27 @@ class NStepAssembler:
         Raises:
             NonFiniteError: If a reward, action or observation is NaN or infinite; it names the robot.
         """
-        _refuse_non_finite(reward=rewards, action=actions, observation=encoded, final_observation=final_encoded)
+        _refuse_non_finite(
+            reward=transition.rewards,
+            action=transition.actions,
+            observation=transition.observations,
+            final_observation=transition.successors,
+        )
+        ended = transition.terminated | transition.truncated
         self._newest = (self._newest + 1) % self.length
-        self._observations[self._newest] = encoded
-        self._successors[self._newest] = final_encoded
-        self._actions[self._newest] = actions
+        self._observations[self._newest] = transition.observations
+        self._successors[self._newest] = transition.successors
+        self._actions[self._newest] = transition.actions
         self._returns[self._newest] = 0.0
         self._steps += 1
         places = (self._newest - np.arange(self.length)) % self.length
         # Eq. 9, summed as the rewards come in: R += gamma^age * scale * reward
-        self._returns[places] += self._weights[:, None] * rewards
-        goals = np.flatnonzero(outcome == GOAL)
+        self._returns[places] += self._weights[:, None] * transition.rewards
+        goals = np.flatnonzero(transition.outcome == GOAL)
         # Eq. 4: the part of the goal's reward that the earlier steps in each row earn
         self._returns[places[:, None], goals] += self._delayed[:, None]
-        rows = self._complete_rows(places, terminated, terminated | truncated)
-        self._steps[terminated | truncated] = 0
+        rows = self._complete_rows(places, transition.terminated, ended)
+        self._steps[ended] = 0
         return rows
 
     def _complete_rows(

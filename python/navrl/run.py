@@ -24,9 +24,9 @@ from navrl.checkpoint import CheckpointError, Checkpoints, Saved
 from navrl.clock import RunClock
 from navrl.config import Config
 from navrl.encoding import encode_observations, encoded_size
-from navrl.machine import Machine, available_memory, cores
 from navrl.errors import UserError
 from navrl.exploration import Exploration
+from navrl.machine import Machine, available_memory, cores
 from navrl.metrics import Scores
 from navrl.metrics_log import MetricsLog, ResumePoint
 from navrl.policy import Policy, Weights
@@ -34,7 +34,7 @@ from navrl.policy_description import PolicyDescription
 from navrl.replay import Arrays, NStepAssembler, Replay, row_width
 from navrl.run_folder import RunFolder, config_from_tables
 from navrl.scenarios import ScenarioList, load_list
-from navrl.td3 import TD3
+from navrl.td3 import TD3, flushed_denormals
 from navrl.training_metrics import Progress, TrainingMetrics
 
 SUMMARY_SCHEMA = 1
@@ -131,7 +131,11 @@ class Run:
             raise UserError(str(error)) from None
         self.validation_list = self.load_list("validation", config.validation.scenarios)
         self.replay = Replay(config.replay.capacity, row_width(inputs))
-        self.learner = TD3(config, self.replay)
+        # As the moves will be made; the simulator above keeps denormal numbers.
+        with flushed_denormals():
+            self.learner = TD3(config, self.replay)
+            self.encoded = self.encode(self.sim.observations)
+            """(num_envs, inputs) what the robots see now."""
         self.exploration = Exploration(config.exploration, num_envs=training.num_envs, seed=training.seed)
         self.assembler = NStepAssembler(
             config.learner, num_envs=training.num_envs, encoded_size=inputs, goal_reward=config.reward.goal
@@ -140,8 +144,6 @@ class Run:
         self.counts = Counts(next_row=self.row_period, next_validation=every_steps)
         self.best: Best | None = None
         self.clock = RunClock()
-        self.encoded = self.encode(self.sim.observations)
-        """(num_envs, inputs) what the robots see now."""
         self.checkpoints = Checkpoints(folder.checkpoints)
         self.log_from: ResumePoint | None = None
         """Where metrics.csv continues."""
@@ -173,7 +175,8 @@ class Run:
             )
         run.inexact = record["inexact"] or bool(differences)
         try:
-            run._restore(saved)
+            with flushed_denormals():
+                run._restore(saved)
         except (KeyError, ValueError, TypeError) as error:
             raise CheckpointError(f"{folder.checkpoints}, checkpoint {saved.number}: does not fit: {error}") from None
         return run

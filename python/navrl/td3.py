@@ -9,16 +9,18 @@
         .set_progress(fraction)                    share of the run that is over, for the step sizes
         .state() -> dict[str, ndarray];  .restore(state)
     target_bounds(config) -> (low, high)
+    with flushed_denormals(): ...                  around whatever updates
 
 Determinism: the bits depend on the calls, the processor model, the builds and the thread count, not on how updates are
-grouped into calls. Making a TD3 leaves denormals flushed to zero in the calling thread and in threads started from it:
-the moments of dead units decay into numbers that are an order of magnitude slower otherwise.
+grouped into calls. They also depend on whether denormal numbers are flushed to zero.
 """
 
 from __future__ import annotations
 
 import copy
+import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import nan
 
@@ -40,9 +42,37 @@ BLOCK = 64
 """Most updates whose rows are gathered together; bounds the memory of a call."""
 
 
+@contextmanager
+def flushed_denormals(flushed: bool = True) -> Iterator[None]:
+    """Flushes denormal numbers to zero, or not, in this thread and in those that start meanwhile; then as before.
+
+    The moments of dead units decay into numbers that are an order of magnitude slower otherwise. Networks are made
+    inside too, for torch may start its threads there.
+
+    Args:
+        flushed: False keeps denormal numbers, where only a part of the work flushes none.
+    """
+    before = sys.float_info.min / 2.0 == 0.0
+    torch.set_flush_denormal(flushed)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(before)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What one update draws."""
+
+    rows: Tensor
+    """(batch_size, width) float32 of replay, half of them mirrored where that is on."""
+    target_noise: Tensor
+    """(batch_size, 2) float32: clip(N(0, policy_noise), +-noise_clip)."""
+
+
 @dataclass(frozen=True)
 class UpdateMetrics:
-    """Means over the updates of one call."""
+    """Means over the updates of one call, or over its actor steps."""
 
     critic_loss: float
     """Mean squared error of the critics' values, summed over the critics."""
@@ -50,6 +80,8 @@ class UpdateMetrics:
     """Mean value of the sampled actions over batch and critics, scaled as rewards are."""
     maximum_q: float
     """Largest such value."""
+    actor_updates: int
+    """Actor steps among the updates."""
     actor_loss: float
     """Minus the first critic's mean value of the actor's actions, plus the penalty; NaN without an actor step."""
     saturated_share: float
@@ -73,7 +105,6 @@ class TD3:
         Raises:
             ValueError: If the rows of `replay` have another width.
         """
-        torch.set_flush_denormal(True)
         self.config, self.replay, self.dtype = config.learner, replay, dtype
         seed = config.training.seed if seed is None else seed
         self.inputs = encoded_size(config.lidar.bins, config.networks.encoding)
@@ -153,9 +184,9 @@ class TD3:
         if self.replay.size == 0:
             raise ValueError("no rows in replay to learn from")
         errors, values, actor_losses, outputs = [], [], [], []
-        for rows, noise in self._batches(count):
-            self._rows.copy_(rows)
-            value, error = self._update_critics(self._target(noise))
+        for batch in self._batches(count):
+            self._rows.copy_(batch.rows)
+            value, error = self._update_critics(self._target(batch.target_noise))
             values.append(value)
             errors.append(error)
             self.updates += 1
@@ -217,8 +248,8 @@ class TD3:
         self.critic_optimizer.param_groups[0]["lr"] = self.config.critic_lr * share
         self.actor_optimizer.param_groups[0]["lr"] = self.config.actor_lr * share
 
-    def _batches(self, count: int) -> Iterator[tuple[Tensor, Tensor]]:
-        """Draws `count` batches, `BLOCK` at a time: rows (B, width) and target noise (B, 2), float32."""
+    def _batches(self, count: int) -> Iterator[Batch]:
+        """Draws `count` batches, `BLOCK` at a time."""
         for first in range(0, count, BLOCK):
             shape = (min(BLOCK, count - first), self.config.batch_size)
             indices = self._streams["replay_indices"].integers(self.replay.size, size=shape)
@@ -228,7 +259,7 @@ class TD3:
                 permutation, signs = self._mirror
                 rows[mirrored] = rows[mirrored][:, permutation] * signs
             noise = self._target_noise((*shape, ACTIONS))
-            yield from zip(torch.from_numpy(rows.reshape(*shape, -1)), torch.from_numpy(noise), strict=True)
+            yield from map(Batch, torch.from_numpy(rows.reshape(*shape, -1)), torch.from_numpy(noise))
 
     def _target_noise(self, shape: tuple[int, ...]) -> NDArray[np.float32]:
         """Draws clip(N(0, policy_noise), +-noise_clip), or zeros where it is off."""
@@ -362,6 +393,7 @@ def _metrics(
         critic_loss=float(torch.stack(errors).square().mean(2).sum(1).mean()),
         average_q=float(all_values.mean()),
         maximum_q=float(all_values.max()),
+        actor_updates=len(actor_losses),
         actor_loss=nan if no_actor_step else float(torch.stack(actor_losses).mean()),
         saturated_share=nan if no_actor_step else float((torch.stack(outputs).abs() > SATURATED).double().mean()),
     )

@@ -16,22 +16,23 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-import torch
+from numpy.typing import NDArray
 
 from navrl.checkpoint import CheckpointError
 from navrl.config import Config
-from navrl.machine import available_memory, cores
 from navrl.errors import UserError
 from navrl.evaluate import evaluate
 from navrl.interrupt import Interrupted, Interruption
+from navrl.machine import available_memory, cores
 from navrl.metrics import Scores
 from navrl.metrics_log import MetricsLog
 from navrl.monitor import Monitor, result_lines
 from navrl.policy import Policy, Weights, load_policy, save_policy
-from navrl.replay import NonFiniteError
+from navrl.replay import NonFiniteError, Transition
 from navrl.run import Best, Run
 from navrl.run_folder import RunFolder
 from navrl.scenarios import ScenarioList
+from navrl.td3 import flushed_denormals
 
 __all__ = ["Interrupted", "NonFiniteError", "resume", "train"]
 
@@ -113,7 +114,7 @@ class _Training:
         run = self.run
         self.monitor.line(_introduction(run))
         try:
-            with self.interruption:
+            with self.interruption, flushed_denormals():
                 try:
                     run.save(self.log)
                     run.wait_until_saved()
@@ -133,7 +134,6 @@ class _Training:
                 run.wait_until_saved()
             self.monitor.close()
             self.log.close()
-            torch.set_flush_denormal(False)
 
     def _loop(self) -> None:
         """Makes one move after the other until the run has ended."""
@@ -162,17 +162,22 @@ class _Training:
         # Act
         actions = run.exploration.explore(run.learner.act(run.encoded), sim.observations, counts.steps)
         # Step
-        sim.step(actions)
+        self._drive(actions)
         ended = sim.terminated | sim.truncated
         counts.steps += sim.num_envs
         run.exploration.end_episodes(ended)
         run.metrics.add_step(sim)
         # Store
-        successors = run.encode(sim.final_observations)
-        rows = run.assembler.push(
-            run.encoded, actions, sim.rewards, successors, sim.terminated, sim.truncated, sim.outcome
+        transition = Transition(
+            observations=run.encoded,
+            actions=actions,
+            rewards=sim.rewards,
+            successors=run.encode(sim.final_observations),
+            terminated=sim.terminated,
+            truncated=sim.truncated,
+            outcome=sim.outcome,
         )
-        run.replay.add(rows)
+        run.replay.add(run.assembler.push(transition))
         run.encoded = run.encode(sim.observations)
         if not np.isfinite(run.encoded).all():
             robot = int(np.argwhere(~np.isfinite(run.encoded))[0, 0])
@@ -183,6 +188,25 @@ class _Training:
             interleaved = training.update_schedule == "interleaved"
             counts.owed += training.updates_per_step if interleaved else int(sim.episode_steps[ended].sum())
         run.learner.set_progress(run.plan.share(counts.steps, run.metrics.episodes))
+
+    def _drive(self, actions: NDArray[np.float32]) -> None:
+        """Steps the robots.
+
+        Args:
+            actions: (num_envs, 2) in [-1, 1].
+
+        Raises:
+            UserError: The world turned out to be too full where a robot was to begin an episode.
+            NonFiniteError: An action is NaN or infinite.
+        """
+        try:
+            self.run.sim.step(actions)
+        except ValueError as error:
+            if not np.isfinite(actions).all():
+                raise NonFiniteError(str(error)) from None
+            where = f"training stopped after {self.run.counts.steps:,} steps"
+            kept = f"the last checkpoint in {self.run.folder.checkpoints} is complete"
+            raise UserError(f"{where}: {error}; {kept}") from error
 
     def _update(self) -> None:
         """Makes some of the updates that are owed."""
@@ -224,12 +248,8 @@ class _Training:
         policy = Policy(weights, run.description(None))
         threads = run.config.threads.simulate or cores()
         # The learner flushes denormal numbers to zero; evaluation elsewhere does not.
-        torch.set_flush_denormal(False)
-        try:
-            with run.clock.evaluating(), self.interruption.at_once():
-                return evaluate(policy, scenarios, sim=run.config.sim, num_threads=threads).summary
-        finally:
-            torch.set_flush_denormal(True)
+        with flushed_denormals(False), run.clock.evaluating(), self.interruption.at_once():
+            return evaluate(policy, scenarios, sim=run.config.sim, num_threads=threads).summary
 
     def _finish(self) -> None:
         """Saves, tests the best policy and writes the summary."""

@@ -154,10 +154,10 @@ class TrainingMetrics:
         sums.critic_loss += count * metrics.critic_loss
         sums.average_q += count * metrics.average_q / self._reward_scale
         sums.maximum_q = max(sums.maximum_q, metrics.maximum_q / self._reward_scale)
-        if not isnan(metrics.actor_loss):
-            sums.actor_updates += count
-            sums.actor_loss += count * metrics.actor_loss
-            sums.saturated_share += count * metrics.saturated_share
+        if metrics.actor_updates:
+            sums.actor_updates += metrics.actor_updates
+            sums.actor_loss += metrics.actor_updates * metrics.actor_loss
+            sums.saturated_share += metrics.actor_updates * metrics.saturated_share
 
     @property
     def episodes(self) -> int:
