@@ -30,8 +30,8 @@ from navrl import _navsim, length_cache
 from navrl.batch import Scenario, config_json, draw_list
 from navrl.config import SimConfig, WorldConfig
 from navrl.durable import write_file
-from navrl.machine import cores
 from navrl.errors import UserError
+from navrl.machine import cores
 
 if TYPE_CHECKING:
     from navrl.batch import Split
