@@ -22,8 +22,9 @@ from navrl.streams import restore_stream, stream, stream_state
 class Exploration:
     """Turns the policy's actions into training actions.
 
-    Every step draws the same count of numbers per robot, whatever happens to it, so that one robot's fate never shifts
-    another's noise.
+    All robots share one stream, in the order of robots and steps. What a step draws depends on the seed, the number of
+    robots and the steps before it, and never on observations, actions or ends of episodes: one robot's fate does not
+    shift another's noise. With another number of robots, robot k meets other noise.
     """
 
     def __init__(self, config: ExplorationConfig, *, num_envs: int, seed: int) -> None:
