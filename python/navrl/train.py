@@ -263,7 +263,7 @@ class _Training:
         summary = run.summary(scores)
         run.folder.write_summary(summary)
         self.monitor.close()
-        print("\n".join(result_lines(summary, run.folder.path)), flush=True)
+        print("\n".join(result_lines(summary, run.folder.path, run.config.world.name)), flush=True)
 
     def _save_and_leave(self) -> None:
         """Saves where a signal came.
