@@ -117,7 +117,7 @@ REFUSALS = {
     "eval default --skip-invalid": "eval: --skip-invalid goes with --scenarios only",
     "eval default --learner.tau 1": "eval: --learner.tau: this command takes no configuration keys",
     "eval default --episodes 0": "--episodes 0: must be a whole number in [1, 1000000]",
-    "eval default --threads 0": "--threads 0: must be a whole number in [1, 1024]",
+    "eval default --threads 0": "--threads 0: must be a whole number in [1, 256]",
     "eval default --json nowhere/a.json": "--json nowhere/a.json: no such folder nowhere",
     "eval default --json .": "--json .: is a folder, not a file",
     "play nowhere": "play: the following arguments are required: --out",
