@@ -286,3 +286,29 @@ def test_ctrl_c_saves_says_how_to_resume_and_exits_130(tmp_path: Path) -> None:
     assert "navrl train --resume run" in rest
     assert "Traceback" not in rest
     navrl("train", "--resume", "run", "--steps", 1600, cwd=tmp_path)
+
+
+# Files that are not what they seem
+
+
+@pytest.mark.parametrize("arguments", [("eval", "default", "--json", "x"), ("play", "--out", "x")])
+def test_results_do_not_replace_devices_and_follow_links(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    suffix = ".png" if arguments[0] == "play" else ".json"
+    few = ["--episodes", "4"] if arguments[0] == "eval" else []
+    pipe, link, target = (tmp_path / f"{name}{suffix}" for name in ("pipe", "link", "target"))
+    os.mkfifo(pipe)
+    refused = navrl(*arguments[:-1], pipe, *few, code=2)
+    assert refused.stderr.endswith(f"{pipe}: is a device or a pipe, not a file\n")
+    assert pipe.is_fifo()
+    target.write_bytes(b"old")
+    link.symlink_to(target)
+    navrl(*arguments[:-1], link, *few)
+    assert link.is_symlink()
+    assert len(target.read_bytes()) > 100
+
+
+@pytest.mark.parametrize("arguments", ["eval", "train --resume", "train --init", "train --out", "play --out"])
+def test_a_name_that_is_too_long_is_one_line(arguments: str, tmp_path: Path) -> None:
+    refused = navrl(*arguments.split(), "a" * 300 + ".png", cwd=tmp_path, code=2)
+    assert "File name too long" in refused.stderr
+    assert refused.stderr.count("\n") == 1

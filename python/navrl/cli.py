@@ -66,6 +66,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # The reader of our output has gone, as `head` does: nothing is left to say, not even at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
+    except OSError as error:
+        # A name that is too long, a full disk behind stdout: the system's word, in one line.
+        file = "" if error.filename is None else f"{error.filename}: "
+        print(f"navrl: {file}{error.strerror or error}", file=sys.stderr)
+        return USER_MISTAKE
 
 
 def _run(arguments: list[str]) -> int:

@@ -63,12 +63,17 @@ def threads(text: str | None) -> int:
 def output_file(flag: str, text: str) -> Path:
     """A file that can be written, as far as one can tell before the work.
 
+    Returns:
+        The file, behind a link where it is one.
+
     Raises:
-        UserError: it is a folder, or its folder does not exist or cannot be written to.
+        UserError: it is a folder, a device or a pipe, or its folder does not exist or cannot be written to.
     """
-    path = Path(text)
+    path = Path(os.path.realpath(text))
     if path.is_dir():
         raise UserError(f"{flag} {text}: is a folder, not a file")
+    if path.exists() and not path.is_file():
+        raise UserError(f"{flag} {text}: is a device or a pipe, not a file")
     if not path.parent.is_dir():
         raise UserError(f"{flag} {text}: no such folder {path.parent}")
     if not os.access(path if path.exists() else path.parent, os.W_OK):

@@ -36,9 +36,9 @@ def evaluate(options: Namespace) -> int:
 
     scenarios = _list(options, sim, count=count, num_threads=num_threads)
     evaluation = run(policy, scenarios, sim=sim, num_threads=num_threads)
-    print_scores(evaluation.summary, options.policy, _place(options, sim), Console())
     if target is not None:
         write_json(target, evaluation, options.policy)
+    print_scores(evaluation.summary, options.policy, _place(options, sim), Console())
     return DONE
 
 

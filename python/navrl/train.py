@@ -126,6 +126,8 @@ class _Training:
             where = f"after {run.counts.steps:,} steps and {run.learner.updates:,} updates"
             kept = f"the last checkpoint in {run.folder.checkpoints} is sound"
             raise NonFiniteError(f"training stopped {where}: {error}; {kept}") from None
+        except BrokenPipeError:
+            raise  # who read our output has gone; nothing is wrong with the run
         except OSError as error:
             kept = f"the last checkpoint in {run.folder.checkpoints} is complete"
             raise UserError(f"{error.filename or run.folder.path}: {error.strerror}; {kept}") from error
