@@ -324,3 +324,18 @@ fn yaw_of_the_boxes_can_be_fixed() {
         assert!(matches!(shape, Shape::Box { yaw: 0.0, length: 0.5, width: 0.4, .. }), "{shape:?}");
     }
 }
+
+/// A shape far outside of the area neither blocks the corridor nor makes the grid too coarse to see through it.
+#[test]
+fn a_far_shape_changes_nothing() {
+    let corridor = |more: &str| {
+        let walls = "[[0, 0, 20, 0], [20, 0, 20, 1], [20, 1, 0, 1], [0, 1, 0, 0]]";
+        let generator = from_file("far", &format!(r#"{{"area": [0, 0, 20, 1], "segments": {walls}{more}}}"#));
+        let mut layout = Layout::default();
+        draw(&generator, 1, 0, 0, &mut layout).unwrap();
+        (layout.start, layout.goal)
+    };
+    let alone = corridor("");
+    assert_eq!(alone, corridor(r#", "circles": [[900, 900, 1]]"#));
+    assert_eq!(alone, corridor(r#", "circles": [[10, 900, 895]]"#));
+}

@@ -88,7 +88,12 @@ impl Generator {
         let bounds = match room.bounds {
             // No centre comes nearer to the walls than the radius.
             Some([x0, y0, x1, y1]) => [x0 + radius, y0 + radius, x1 - radius, y1 - radius],
-            None => roomy_bounds(&solids, &[[x0, y0], [x1, y1]], radius),
+            None => {
+                let all = roomy_bounds(&solids, &[[x0, y0], [x1, y1]], radius);
+                // A shape far from the area must not make the grid's cells coarse: ways lead round by one side at most.
+                let side = (x1 - x0).max(y1 - y0);
+                [all[0].max(x0 - side), all[1].max(y0 - side), all[2].min(x1 + side), all[3].min(y1 + side)]
+            }
         };
         let free_space = FreeSpace::new(bounds, room.area, &solids, radius);
         room.clearance = room.clearance.max(free_space.clearance_needed());
