@@ -69,7 +69,8 @@ def output_file(flag: str, text: str) -> Path:
     Raises:
         UserError: it is a folder, a device or a pipe, or its folder does not exist or cannot be written to.
     """
-    path = Path(os.path.realpath(text))
+    typed = Path(text)
+    path = typed.resolve() if typed.is_symlink() else typed
     if path.is_dir():
         raise UserError(f"{flag} {text}: is a folder, not a file")
     if path.exists() and not path.is_file():
