@@ -14,9 +14,10 @@ import pytest
 from numpy.typing import NDArray
 from safetensors.numpy import load
 
-from navrl import checkpoint, durable
-from navrl.checkpoint import CheckpointError, Checkpoints
+from navrl import durable
 from navrl.replay import Replay
+from navrl.running import checkpoint
+from navrl.running.checkpoint import CheckpointError, Checkpoints
 
 P = ParamSpec("P")
 WIDTH = 7

@@ -166,9 +166,9 @@ def test_a_world_that_is_too_narrow_is_refused_before_training(tmp_path: Path) -
 
 def test_an_internal_error_is_exit_code_1_with_its_traceback() -> None:
     done = python(
-        "import sys, navrl.cli, navrl.commands\n"
+        "import sys, navrl.cli, navrl.commands.doctor as command\n"
         "def broken(options): raise RuntimeError('a fault of ours')\n"
-        "navrl.commands.doctor = broken\n"
+        "command.doctor = broken\n"
         "sys.exit(navrl.cli.main(['doctor']))"
     )
     assert done.returncode == 1
@@ -177,9 +177,9 @@ def test_an_internal_error_is_exit_code_1_with_its_traceback() -> None:
 
 def test_an_interrupt_is_exit_code_130_without_a_traceback() -> None:
     done = python(
-        "import sys, navrl.cli, navrl.commands\n"
+        "import sys, navrl.cli, navrl.commands.doctor as command\n"
         "def stopped(options): raise KeyboardInterrupt\n"
-        "navrl.commands.doctor = stopped\n"
+        "command.doctor = stopped\n"
         "sys.exit(navrl.cli.main(['doctor']))"
     )
     assert done.returncode == 130

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from navrl.config import Config
-from navrl.config_files import ROBOTS, load_config
+from navrl.config.files import ROBOTS, load_config
 from navrl.policy import save_policy
 from navrl.policy_description import PolicyDescription
 

@@ -4,8 +4,8 @@ import time
 
 import pytest
 
-from navrl import clock as clock_module
-from navrl.clock import RunClock
+from navrl.running import clock as clock_module
+from navrl.running.clock import RunClock
 
 BEFORE = {"train_s": 50.0, "trained_s": 49.0, "update_s": 20.0, "eval_s": 5.0, "wall_s": 100.0}
 

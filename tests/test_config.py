@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 
 from navrl import _navsim
 from navrl.config import Config, SimConfig
-from navrl.config_files import PRESETS, ROBOTS, Option, load_config, to_toml
-from navrl.config_ranges import allowed, choices, keys
-from navrl.config_reference import reference
+from navrl.config.files import PRESETS, ROBOTS, Option, load_config, to_toml
+from navrl.config.ranges import allowed, choices, keys
+from navrl.config.reference import reference
 from navrl.errors import ConfigError
 
 REPOSITORY = Path(__file__).parents[1]
@@ -292,7 +292,7 @@ def test_awkward_path_names_survive(tmp_path: Path) -> None:
 
 def test_the_reference_page_is_the_generated_one() -> None:
     committed = (REPOSITORY / "docs" / "configuration.md").read_text(encoding="utf-8")
-    assert committed == reference(), "run: python -m navrl.config_reference docs/configuration.md"
+    assert committed == reference(), "run: python -m navrl.config.reference docs/configuration.md"
 
 
 def test_the_reference_page_names_every_setting_with_its_meaning() -> None:

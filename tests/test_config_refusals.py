@@ -22,8 +22,8 @@ from navrl.config import (
     TrainingConfig,
     WorldConfig,
 )
-from navrl.config_files import PRESETS, ROBOTS, Option, load_config, load_sim
-from navrl.config_ranges import allowed, choices, keys
+from navrl.config.files import PRESETS, ROBOTS, Option, load_config, load_sim
+from navrl.config.ranges import allowed, choices, keys
 from navrl.errors import ConfigError, UserError, shown
 
 BUILT_IN = '"td3", "boxes", "open8" or the path of an existing .json file'

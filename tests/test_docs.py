@@ -14,7 +14,7 @@ from navrl import _navsim
 from navrl.batch import BatchSim, config_json
 from navrl.cli import main
 from navrl.config import SimConfig, WorldConfig
-from navrl.config_files import load_config
+from navrl.config.files import load_config
 from navrl.errors import UserError
 from navrl.scenarios import ScenarioError, read_list
 
@@ -226,7 +226,7 @@ def test_refused_robots(old: str, new: str, tmp_path: Path) -> None:
 
 
 def test_a_run_ends_with_the_lines_that_the_page_shows() -> None:
-    from navrl.monitor import result_lines
+    from navrl.running.monitor import result_lines
 
     rates = {"success_rate": 0.967, "success_ci95": [0.95402, 0.97641], "collision_rate": 0.008, "timeout_rate": 0.025}
     counts = {"env_steps": 200192, "updates": 3619, "best_steps": 200192, "train_s": 11.0, "wall_s": 26.67}

@@ -13,13 +13,13 @@ import pytest
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from navrl import monitor as display
 from navrl.errors import UserError
 from navrl.metrics import Episode, Scores, summarize
-from navrl.metrics_log import MetricsLog, ResumePoint
-from navrl.monitor import SATURATED_ROWS, Monitor, result_lines
+from navrl.running import monitor as display
+from navrl.running.metrics_log import MetricsLog, ResumePoint
+from navrl.running.monitor import SATURATED_ROWS, Monitor, result_lines
+from navrl.running.training_metrics import CLOCKED, COLUMNS, Progress, Rates, Row, TrainingMetrics
 from navrl.td3 import UpdateMetrics
-from navrl.training_metrics import CLOCKED, COLUMNS, Progress, Rates, Row, TrainingMetrics
 
 ROBOTS = 3
 

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from navrl.config import SimConfig
+from navrl.drawing.film import FRAMES_MAX, check_output, frame_steps, write
+from navrl.drawing.trajectory import Trajectory, drive
 from navrl.errors import UserError
 from navrl.evaluate import evaluate
-from navrl.play import FRAMES_MAX, Trajectory, check_output, drive, frame_steps, write
 from navrl.scenarios import ScenarioList, load_list
 
 
@@ -114,12 +115,12 @@ def test_a_video(trajectory: Trajectory, tmp_path: Path) -> None:
 
 
 def test_a_video_without_its_package_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    import navrl.play
+    import navrl.drawing.film
 
     def missing(name: str, *_: Any) -> Any:  # noqa: ANN401 - as import_module
         raise ImportError(name)
 
-    monkeypatch.setattr(navrl.play, "import_module", missing)
+    monkeypatch.setattr(navrl.drawing.film, "import_module", missing)
     with pytest.raises(UserError, match=r"film\.mp4: needs the extra package of pip install 'navrl\[video\]'"):
         check_output(tmp_path / "film.mp4")
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from navrl.config import LidarConfig, RobotConfig, SimConfig
-from navrl.render import (
+from navrl.drawing.render import (
     CAPTION_PX,
     DANGER_COLORS,
     FLOOR,

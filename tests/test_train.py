@@ -20,23 +20,24 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from navrl import cli, interrupt, load_policy
-from navrl import run as run_module
+from navrl import cli, load_policy
 from navrl.batch import BatchSim
-from navrl.checkpoint import CheckpointError, Checkpoints, Chunk
 from navrl.config import Config, SimConfig
-from navrl.config_files import Option, load_config
+from navrl.config.files import Option, load_config
 from navrl.errors import UserError
 from navrl.evaluate import Evaluation, evaluate
 from navrl.machine import Machine
 from navrl.policy import Policy
 from navrl.replay import NonFiniteError, Replay, row_width
-from navrl.run import Run
-from navrl.run_folder import RunFolder
+from navrl.running import interrupt
+from navrl.running import run as run_module
+from navrl.running.checkpoint import CheckpointError, Checkpoints, Chunk
+from navrl.running.folder import RunFolder
+from navrl.running.run import Run
+from navrl.running.session import Interrupted, resume, train
+from navrl.running.training_metrics import CLOCKED
 from navrl.scenarios import ScenarioList, load_list
 from navrl.td3 import TD3, UpdateMetrics
-from navrl.train import Interrupted, resume, train
-from navrl.training_metrics import CLOCKED
 
 PRESETS = ("fast", "paper")
 FAST = {
@@ -136,7 +137,7 @@ class Cut(interrupt.Interruption):
 
 def run_with_cuts(config: Config, folder: Path, preset: str, cuts: Iterator[int], patch: pytest.MonkeyPatch) -> int:
     """Trains, cut after each of the numbers of moves in turn, then to the end; returns the number of cuts made."""
-    patch.setattr("navrl.train.Interruption", Cut)
+    patch.setattr("navrl.running.session.Interruption", Cut)
     made = 0
     while True:
         Cut.moves_left = next(cuts, 10**9)
@@ -293,7 +294,7 @@ def test_a_second_signal_ends_the_process_whatever_it_does(tmp_path: Path) -> No
     """The handler itself, where the second signal finds the process in the middle of a save."""
     program = (
         "import os, signal, time\n"
-        "from navrl.interrupt import Interruption\n"
+        "from navrl.running.interrupt import Interruption\n"
         "with Interruption(lambda: os.write(1, b'left')):\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n"
         "    os.kill(os.getpid(), signal.SIGTERM)\n"
@@ -485,7 +486,7 @@ def stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A run that was stopped in the middle."""
     folder = tmp_path / "run"
     with monkeypatch.context() as patch:
-        patch.setattr("navrl.train.Interruption", Cut)
+        patch.setattr("navrl.running.session.Interruption", Cut)
         Cut.moves_left = 300
         with pytest.raises(Interrupted, match=f"navrl train --resume {folder}"):
             train(small("fast"), folder, test=False)
@@ -569,7 +570,7 @@ def test_a_finished_run_says_so_and_steps_extend_it(
 def test_an_extension_remembers_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     train(small("fast", training__steps="2000"), tmp_path / "run", test=False)
     with monkeypatch.context() as patch:
-        patch.setattr("navrl.train.Interruption", Cut)
+        patch.setattr("navrl.running.session.Interruption", Cut)
         Cut.moves_left = 100
         with pytest.raises(Interrupted):
             resume(tmp_path / "run", steps=4000)
@@ -578,8 +579,8 @@ def test_an_extension_remembers_its_end(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_the_start_of_a_resuming_process_counts(stopped: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("navrl.clock._claimed", False)
-    monkeypatch.setattr("navrl.clock._process_age", lambda: 1000.0)
+    monkeypatch.setattr("navrl.running.clock._claimed", False)
+    monkeypatch.setattr("navrl.running.clock._process_age", lambda: 1000.0)
     before = Checkpoints(stopped / "checkpoints").newest().record["clock"]["wall_s"]
     resume(stopped)
     assert json.loads((stopped / "summary.json").read_text())["wall_s"] > before + 1000.0
@@ -594,7 +595,7 @@ def test_one_process_at_a_time(stopped: Path) -> None:
     with RunFolder.open(stopped), pytest.raises(UserError, match="in use by another navrl train"):
         resume(stopped)
     program = (
-        f"from navrl.run_folder import RunFolder; from pathlib import Path; RunFolder.open(Path({str(stopped)!r}))"
+        f"from navrl.running.folder import RunFolder; from pathlib import Path; RunFolder.open(Path({str(stopped)!r}))"
     )
     with RunFolder.open(stopped):
         done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)

@@ -85,7 +85,7 @@ def _run(arguments: list[str]) -> int:
     options.settings = settings
     # The module that runs a command brings what the others do without.
     module, _, function = options.run.partition(":")
-    code: int = getattr(import_module(f"navrl.{module}"), function)(options)
+    code: int = getattr(import_module(f"navrl.commands.{module}"), function)(options)
     return code
 
 
@@ -141,7 +141,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_bench(commands)
     _add_config(commands)
     doctor = commands.add_parser("doctor", help="versions, processor, and a self-test of a few seconds")
-    doctor.set_defaults(command="doctor", run="commands:doctor", takes_settings=False)
+    doctor.set_defaults(command="doctor", run="doctor:doctor", takes_settings=False)
     return parser
 
 
@@ -151,7 +151,7 @@ def _add_train(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
         help="train a policy, test it and save it",
         epilog="Every setting of docs/configuration.md can be given as --KEY.PATH VALUE, such as --learner.tau 0.01.",
     )
-    train.set_defaults(command="train", run="train_command:train", takes_settings=True)
+    train.set_defaults(command="train", run="train:train", takes_settings=True)
     _add_sources(train)
     train.add_argument("--world", metavar="W", help="td3, boxes or a world file (.json)")
     seeds = train.add_mutually_exclusive_group()
@@ -185,7 +185,7 @@ def _add_scenarios(parser: argparse.ArgumentParser) -> None:
 
 def _add_eval(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
     parser = commands.add_parser("eval", help="measure a policy on a fixed list of scenarios")
-    parser.set_defaults(command="eval", run="commands:evaluate", takes_settings=False)
+    parser.set_defaults(command="eval", run="evaluate:evaluate", takes_settings=False)
     parser.add_argument("policy", metavar="POLICY", help="run folder, policy folder or default")
     _add_scenarios(parser)
     parser.add_argument("--skip-invalid", action="store_true", help="leave out scenarios that cannot be run")
@@ -196,7 +196,7 @@ def _add_eval(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
 
 def _add_play(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
     parser = commands.add_parser("play", help="draw an episode: room, path, lidar rays")
-    parser.set_defaults(command="play", run="commands:play", takes_settings=False)
+    parser.set_defaults(command="play", run="play:play", takes_settings=False)
     parser.add_argument("policy", metavar="POLICY", nargs="?", default="default", help="default: the policy that ships")
     _add_scenarios(parser)
     parser.add_argument("--index", metavar="I", help="which scenario of the list (default 0)")
@@ -205,7 +205,7 @@ def _add_play(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
 
 def _add_bench(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
     parser = commands.add_parser("bench", help="measure the simulator's speed with random actions")
-    parser.set_defaults(command="bench", run="commands:bench", takes_settings=False)
+    parser.set_defaults(command="bench", run="bench:bench", takes_settings=False)
     parser.add_argument("--world", metavar="W", default="open8", help="open8 (default), td3 or boxes")
     parser.add_argument("--num-envs", metavar="N", default="256", help="robots (default 256)")
     parser.add_argument("--beams", metavar="N", help="beams of the lidar (default 180)")
@@ -218,12 +218,12 @@ def _add_config(commands: Any) -> None:  # noqa: ANN401 - argparse hides the typ
     config = commands.add_parser("config", help="show or check settings")
     actions = config.add_subparsers(metavar="ACTION", required=True, parser_class=_Parser)
     show = actions.add_parser("show", help="print the complete configuration that FILE and options give")
-    show.set_defaults(command="config show", run="commands:show_config", takes_settings=True)
+    show.set_defaults(command="config show", run="config:show", takes_settings=True)
     show.add_argument("file", metavar="FILE", nargs="?", help="TOML file")
     show.add_argument("--preset", metavar="P", help="fast (default) or paper")
     show.add_argument("--robot", metavar="R", help="turtlebot3_burger or turtlebot3_waffle")
     check = actions.add_parser("check", help="say whether FILE is a valid configuration")
-    check.set_defaults(command="config check", run="commands:check_config", takes_settings=False)
+    check.set_defaults(command="config check", run="config:check", takes_settings=False)
     check.add_argument("file", metavar="FILE", help="TOML file")
 
 

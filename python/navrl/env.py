@@ -101,8 +101,8 @@ class _Camera:
 
     def picture(self, simulator: BatchSim, k: int) -> NDArray[np.uint8]:
         """RGB picture (height, width, 3) of robot k."""
+        from navrl.drawing.render import Moment, Room
         from navrl.metrics import OUTCOMES
-        from navrl.render import Moment, Room
 
         v, omega = (float(speed) for speed in simulator.velocities[k])
         moment = Moment(

@@ -27,7 +27,7 @@ from rich.table import Table
 from rich.text import Text
 
 from navrl.metrics import Scores
-from navrl.training_metrics import Progress, Rates
+from navrl.running.training_metrics import Progress, Rates
 
 LIVE_PERIOD_S = 0.25
 PLAIN_PERIOD_S = 5.0

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 from navrl.config import WORLDS, Config, SimConfig
-from navrl.config_faults import meant, out_of_range, unknown_key, unknown_table
-from navrl.config_ranges import keys
+from navrl.config.faults import meant, out_of_range, unknown_key, unknown_table
+from navrl.config.ranges import keys
 from navrl.errors import ConfigError, SettingError, shown
 
 ROBOTS = ("turtlebot3_burger", "turtlebot3_waffle")

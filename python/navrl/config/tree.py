@@ -1,8 +1,8 @@
 """The configuration: one tree of frozen dataclasses, whose defaults are the preset "fast".
 
 Types and ranges stand once, in the annotations below, and hold for files, options and Python alike. What breaks them is
-put into words by `navrl.config_faults`; settings that exclude each other are refused by `navrl.config_checks`; files,
-presets and options are read by `navrl.config_files`.
+put into words by `navrl.config.faults`; settings that exclude each other are refused by `navrl.config.checks`; files,
+presets and options are read by `navrl.config.files`.
 Sections and equations are those of the paper; docs/equations.md lists them. Units are SI, angles in radians.
 """
 
@@ -13,14 +13,12 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from navrl.config_checks import check_config, check_sim
-from navrl.config_faults import one_line
-from navrl.errors import ConfigError, UserError
+from navrl.config.checks import check_config, check_sim
+from navrl.config.faults import one_line
 
 __all__ = [
     "CheckpointConfig",
     "Config",
-    "ConfigError",
     "ExplorationConfig",
     "LearnerConfig",
     "LidarConfig",
@@ -32,7 +30,6 @@ __all__ = [
     "TaskConfig",
     "ThreadsConfig",
     "TrainingConfig",
-    "UserError",
     "ValidationConfig",
     "WorldConfig",
 ]

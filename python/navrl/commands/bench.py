@@ -1,8 +1,10 @@
-"""How fast the simulator steps: `navrl bench`."""
+"""`navrl bench`: how fast the simulator steps."""
 
 import json
 import statistics
+import sys
 import time
+from argparse import Namespace
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,13 +12,42 @@ import numpy as np
 
 from navrl import _navsim
 from navrl.batch import BatchSim
+from navrl.cli import DONE
+from navrl.commands.options import given_settings, output_file, threads, whole_number
 from navrl.config import SimConfig
+from navrl.config.files import Option, load_sim
 
 SCHEMA = 1
 """Version of the JSON file."""
 SLICES = 7
 SLICE_S = 0.5
 WARM_UP_S = 0.5
+
+
+def bench(options: Namespace) -> int:
+    """Measures the simulator's speed."""
+    num_envs = whole_number("--num-envs", options.num_envs, 1, 65536)
+    num_threads = threads(options.threads)
+    target = None if options.json is None else output_file("--json", options.json)
+    settings = given_settings(options, "world", "noise")
+    usual = load_sim([]).lidar
+    beams = usual.beams if options.beams is None else whole_number("--beams", options.beams, 1, 4096)
+    # Every bin needs a beam: with fewer beams than the usual bins there is one bin for each.
+    bins = min(beams, usual.bins)
+    lidar = [Option("--beams", "lidar.beams", str(beams)), Option("--beams", "lidar.bins", str(bins))]
+    config = load_sim([*settings, *lidar])
+    print(f"navrl: stepping {num_envs} robots in {config.world.name} for some seconds", file=sys.stderr)
+
+    from navrl.commands.bench import measure, write_json
+
+    speed = measure(config, num_envs=num_envs, num_threads=num_threads)
+    print(
+        f"{config.world.name}: {speed.median:,.0f} steps/s (min {speed.minimum:,.0f}, max {speed.maximum:,.0f}); "
+        f"{num_envs} robots, {beams} beams, noise {config.lidar.noise} m, threads {num_threads}, {_navsim.isa()}"
+    )
+    if target is not None:
+        write_json(target, config, speed, num_envs=num_envs, num_threads=num_threads)
+    return DONE
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from typing import Any, Self
 from pydantic import TypeAdapter, ValidationError
 
 from navrl.config import Config
-from navrl.config_files import load_config, to_toml
+from navrl.config.files import load_config, to_toml
 from navrl.durable import PENDING, write_file
 from navrl.errors import UserError, shown
 

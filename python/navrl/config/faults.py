@@ -11,7 +11,7 @@ from typing import Any, TypeVar, get_type_hints
 
 from pydantic import ValidationError
 
-from navrl.config_ranges import allowed, choices, keys
+from navrl.config.ranges import allowed, choices, keys
 from navrl.errors import SettingError, shown
 
 LONGEST_KEY = 60

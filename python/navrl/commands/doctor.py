@@ -1,8 +1,9 @@
-"""What this installation consists of and whether it works: `navrl doctor`."""
+"""`navrl doctor`: what this installation consists of and whether it works."""
 
 import platform
 import tempfile
 import time
+from argparse import Namespace
 from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from navrl.cli import DONE, INTERNAL_ERROR
 from navrl.machine import cores, cpu_model
 
 if TYPE_CHECKING:
@@ -20,6 +22,11 @@ if TYPE_CHECKING:
 PACKAGES = ("navrl", "numpy", "torch", "gymnasium", "pydantic", "safetensors", "rich", "tensorboard", "pillow")
 FEATURES = ("sse4_2", "avx", "avx2", "fma", "avx512f", "avx512vl", "neon", "asimd")
 """Processor features worth knowing, as Linux names them."""
+
+
+def doctor(_: Namespace) -> int:
+    """Examines the installation."""
+    return DONE if examine() else INTERNAL_ERROR
 
 
 def examine() -> bool:
@@ -121,9 +128,9 @@ def _learn() -> str:
 
 
 def _checkpoint() -> str:
-    from navrl.checkpoint import Checkpoints
     from navrl.config import Config
     from navrl.replay import Replay
+    from navrl.running.checkpoint import Checkpoints
     from navrl.td3 import flushed_denormals
 
     with flushed_denormals():

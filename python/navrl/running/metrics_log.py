@@ -20,7 +20,7 @@ from tensorboard.compat.proto.summary_pb2 import Summary  # type: ignore[import-
 from tensorboard.summary.writer.event_file_writer import EventFileWriter  # type: ignore[import-untyped]
 
 from navrl.errors import UserError
-from navrl.training_metrics import COLUMNS, Row
+from navrl.running.training_metrics import COLUMNS, Row
 
 FILE = "metrics.csv"
 GROUPS = {

@@ -1,4 +1,4 @@
-"""The page docs/configuration.md, written from the configuration classes: `python -m navrl.config_reference FILE`."""
+"""The page docs/configuration.md, written from the configuration classes: `python -m navrl.config.reference FILE`."""
 
 import ast
 import inspect
@@ -9,15 +9,14 @@ from importlib.resources import files
 from pathlib import Path
 from typing import get_type_hints
 
-from navrl import config
 from navrl.config import Config
-from navrl.config_files import ROBOTS, to_toml
-from navrl.config_ranges import allowed
+from navrl.config.files import ROBOTS, to_toml
+from navrl.config.ranges import allowed
 
 _INTRODUCTION = """\
 # Configuration
 
-<!-- Written by `python -m navrl.config_reference docs/configuration.md` from the classes in python/navrl/config.py. -->
+<!-- Written by `python -m navrl.config.reference docs/configuration.md` from python/navrl/config/tree.py. -->
 
 A run is described by the tables below. Each value comes from the last of these that names it:
 
@@ -101,9 +100,7 @@ def _written(tree: Config) -> dict[str, str]:
 
 
 def _preset(name: str) -> dict[str, str]:
-    return _flat(
-        tomllib.loads(files(config.__package__).joinpath("presets", f"{name}.toml").read_text(encoding="utf-8"))
-    )
+    return _flat(tomllib.loads(files("navrl").joinpath("presets", f"{name}.toml").read_text(encoding="utf-8")))
 
 
 def _flat(tables: dict[str, dict[str, object]]) -> dict[str, str]:

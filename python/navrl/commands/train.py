@@ -7,9 +7,9 @@ from argparse import Namespace
 from pathlib import Path
 
 from navrl.cli import DONE, NOT_FINITE
-from navrl.command_options import given_settings, whole_number
+from navrl.commands.options import given_settings, whole_number
 from navrl.config import Config
-from navrl.config_files import Option, load_config
+from navrl.config.files import Option, load_config
 from navrl.errors import UserError
 
 FIXED_BY_RUN = ("preset", "robot", "config", "world", "seed", "seeds", "episodes", "until", "algorithm", "init", "out")
@@ -33,11 +33,11 @@ def train(options: Namespace) -> int:
     for config, folder in zip(configs, folders, strict=True):
         where = f"{options.world or config.world.name}, preset {preset}, seed {config.training.seed}"
         print(f"navrl: training on {where}; run folder {folder}", file=sys.stderr)
-        from navrl import train as training
+        from navrl.running import session
 
         try:
-            training.train(config, folder, preset=preset, init=options.init, test=not options.no_test)
-        except training.NonFiniteError as error:
+            session.train(config, folder, preset=preset, init=options.init, test=not options.no_test)
+        except session.NonFiniteError as error:
             print(f"navrl: {error}", file=sys.stderr)
             return NOT_FINITE
     return DONE
@@ -53,11 +53,11 @@ def _resume(options: Namespace) -> int:
     if not folder.is_dir():
         raise UserError(f"--resume {folder}: no such run folder")
     print(f"navrl: resuming the run in {folder}", file=sys.stderr)
-    from navrl import train as training
+    from navrl.running import session
 
     try:
-        training.resume(folder, steps=steps, inexact=options.inexact)
-    except training.NonFiniteError as error:
+        session.resume(folder, steps=steps, inexact=options.inexact)
+    except session.NonFiniteError as error:
         print(f"navrl: {error}", file=sys.stderr)
         return NOT_FINITE
     return DONE

@@ -2,8 +2,8 @@
 
 Run(config, folder, preset=, test=)              a run that has not begun
 Run.restored(folder, inexact=)                   a run where its newest checkpoint left it
-    .start_from(policy);  .extend(steps)
-    .save();  .summary(test_scores)
+    .start_from(policy);  .extend(steps);  .drive(actions)
+    .save(log);  .wait_until_saved()
     .share, .ended_by, .progress
 """
 
@@ -12,7 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -20,62 +20,28 @@ import torch
 from numpy.typing import NDArray
 
 from navrl.batch import BatchSim
-from navrl.checkpoint import CheckpointError, Checkpoints, Saved
-from navrl.clock import RunClock
 from navrl.config import Config
 from navrl.encoding import encode_observations, encoded_size
 from navrl.errors import UserError
 from navrl.exploration import Exploration
 from navrl.machine import Machine, available_memory, cores
 from navrl.metrics import Scores
-from navrl.metrics_log import MetricsLog, ResumePoint
 from navrl.policy import Policy, Weights
 from navrl.policy_description import PolicyDescription
-from navrl.replay import Arrays, NStepAssembler, Replay, row_width
-from navrl.run_folder import RunFolder, config_from_tables
+from navrl.replay import Arrays, NonFiniteError, NStepAssembler, Replay, row_width
+from navrl.running.checkpoint import CheckpointError, Checkpoints, Saved
+from navrl.running.clock import RunClock
+from navrl.running.counts import Counts, Limits
+from navrl.running.folder import RunFolder, config_from_tables
+from navrl.running.metrics_log import MetricsLog, ResumePoint
+from navrl.running.training_metrics import Progress, TrainingMetrics
 from navrl.scenarios import ScenarioList, load_list
 from navrl.td3 import TD3, flushed_denormals
-from navrl.training_metrics import Progress, TrainingMetrics
 
-SUMMARY_SCHEMA = 1
-"""Version of summary.json."""
 ROWS_PER_VALIDATION = 5
 """Rows of metrics.csv from one validation to the next."""
 VALIDATIONS_TO_STOP = 2
 """Validations in a row at or above training.until that end a run."""
-
-
-@dataclass
-class Counts:
-    """Where a run is. With the arrays of its parts, it determines every later move."""
-
-    next_row: int
-    """Steps at which the next row of metrics is due."""
-    next_validation: int
-    """Steps at which the next validation is due."""
-    steps: int = 0
-    """Environment steps of all robots together."""
-    owed: float = 0.0
-    """Updates that the steps so far call for and that have not been made."""
-    last_row: int = 0
-    """Steps of the newest row."""
-    last_validation: int = 0
-    """Steps of the newest validation."""
-    passed: int = 0
-    """Validations in a row at or above training.until."""
-
-
-class Limits(NamedTuple):
-    """What ends a run; 0 is no limit."""
-
-    steps: int
-    episodes: int
-    until: float
-
-    def share(self, steps: int, episodes: int) -> float:
-        """Share of the run that is over, in [0, 1]."""
-        shares = [count / limit for count, limit in ((steps, self.steps), (episodes, self.episodes)) if limit]
-        return min(1.0, max(shares))
 
 
 class Best(NamedTuple):
@@ -269,6 +235,25 @@ class Run:
         """Lets the run end after so many environment steps instead of where it was to end."""
         self.limits = Limits(steps, 0, 0.0 if self.ended_by == "until" else self.limits.until)
 
+    def drive(self, actions: NDArray[np.float32]) -> None:
+        """Steps the robots.
+
+        Args:
+            actions: (num_envs, 2) in [-1, 1].
+
+        Raises:
+            UserError: The world turned out to be too full where a robot was to begin an episode.
+            NonFiniteError: An action is NaN or infinite.
+        """
+        try:
+            self.sim.step(actions)
+        except ValueError as error:
+            if not np.isfinite(actions).all():
+                raise NonFiniteError(str(error)) from None
+            where = f"training stopped after {self.counts.steps:,} steps"
+            kept = f"the last checkpoint in {self.folder.checkpoints} is complete"
+            raise UserError(f"{where}: {error}; {kept}") from error
+
     def encode(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """Encodes observations of the simulator into an array of their own: (num_envs, inputs)."""
         encoded = encode_observations(observations, self.config.networks.encoding)
@@ -318,41 +303,6 @@ class Run:
     def complete(self) -> bool:
         """Whether no move is left."""
         return bool(self.ended_by) and self.counts.owed < 1.0 and not self.report_due
-
-    def summary(self, test_scores: Scores | None) -> dict[str, Any]:
-        """The content of summary.json.
-
-        Args:
-            test_scores: Scores of the best policy on the test list, if it was tested.
-
-        Returns:
-            Names and values; the scores stand under "scores" and, but for their number of episodes, beside it too.
-        """
-        here, clock = self.machine, self.clock
-        scores = {} if test_scores is None else test_scores.to_json()
-        run = {
-            "schema": SUMMARY_SCHEMA,
-            "navrl": here.navrl,
-            "torch": here.torch,
-            "preset": self.preset,
-            "algorithm": self.config.learner.algorithm,
-            "seed": self.config.training.seed,
-            "cpu": here.cpu,
-            "isa": here.isa,
-            "kernel": here.kernel,
-            "threads": {"sim": self.threads, "learn": self.config.threads.learn},
-            "env_steps": self.counts.steps,
-            "updates": self.learner.updates,
-            "episodes": self.metrics.episodes,
-            "train_s": clock.trained_s,
-            "update_s": clock.update_s,
-            "eval_s": clock.eval_s,
-            "wall_s": clock.wall_s,
-            "stopped_by": self.ended_by,
-            "inexact": self.inexact,
-            "best_steps": None if self.best is None else self.best.steps,
-        }
-        return {**run, **{key: value for key, value in scores.items() if key not in run}, "scores": scores or None}
 
 
 def _under(name: str, arrays: Mapping[str, NDArray[Any]]) -> Arrays:

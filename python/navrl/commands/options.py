@@ -5,7 +5,7 @@ from argparse import Namespace
 from pathlib import Path
 
 from navrl.config import THREADS_MAX
-from navrl.config_files import Option
+from navrl.config.files import Option
 from navrl.errors import UserError
 
 KEYS = {

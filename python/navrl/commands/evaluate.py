@@ -1,0 +1,36 @@
+"""`navrl eval`: measures a policy on a fixed list of scenarios."""
+
+import sys
+from argparse import Namespace
+
+from navrl.cli import DONE
+from navrl.commands.options import output_file, threads, whole_number
+from navrl.commands.selection import place, scenario_list, simulator
+from navrl.errors import UserError
+
+
+def evaluate(options: Namespace) -> int:
+    """Measures a policy on a list of scenarios."""
+    target = None if options.json is None else output_file("--json", options.json)
+    num_threads = threads(options.threads)
+    count = None if options.episodes is None else whole_number("--episodes", options.episodes, 1, 10**6)
+    if options.skip_invalid and options.scenarios is None:
+        raise UserError("eval: --skip-invalid goes with --scenarios only")
+
+    from navrl.policy import load_policy
+
+    policy = load_policy(options.policy)
+    sim = simulator(options, policy.description)
+    print(f"navrl: evaluating {options.policy} on {place(options, sim)}", file=sys.stderr)
+
+    from rich.console import Console
+
+    from navrl import evaluate as run
+    from navrl.evaluate import print_scores, write_json
+
+    scenarios = scenario_list(options, sim, count=count, num_threads=num_threads)
+    evaluation = run(policy, scenarios, sim=sim, num_threads=num_threads)
+    if target is not None:
+        write_json(target, evaluation, options.policy)
+    print_scores(evaluation.summary, options.policy, place(options, sim), Console())
+    return DONE

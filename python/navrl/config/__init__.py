@@ -1,0 +1,41 @@
+"""The configuration: its tree of settings, and how files, presets and options are read, checked and refused."""
+
+from navrl.config.tree import (
+    THREADS_MAX,
+    WORLDS,
+    CheckpointConfig,
+    Config,
+    ExplorationConfig,
+    LearnerConfig,
+    LidarConfig,
+    NetworksConfig,
+    ReplayConfig,
+    RewardConfig,
+    RobotConfig,
+    SimConfig,
+    TaskConfig,
+    ThreadsConfig,
+    TrainingConfig,
+    ValidationConfig,
+    WorldConfig,
+)
+
+__all__ = [
+    "THREADS_MAX",
+    "WORLDS",
+    "CheckpointConfig",
+    "Config",
+    "ExplorationConfig",
+    "LearnerConfig",
+    "LidarConfig",
+    "NetworksConfig",
+    "ReplayConfig",
+    "RewardConfig",
+    "RobotConfig",
+    "SimConfig",
+    "TaskConfig",
+    "ThreadsConfig",
+    "TrainingConfig",
+    "ValidationConfig",
+    "WorldConfig",
+]
