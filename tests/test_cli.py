@@ -164,6 +164,13 @@ def test_a_world_that_is_too_narrow_is_refused_before_training(tmp_path: Path) -
     assert [path.name for path in tmp_path.iterdir()] == ["cell.json"]
 
 
+def test_control_characters_of_a_file_are_not_obeyed(tmp_path: Path) -> None:
+    (tmp_path / "cell.json").write_text(json.dumps({"area": [-1, -1, 1, 1], "\x1b[2J\x07": 1}))
+    line = refused("train", "--world", "cell.json", cwd=tmp_path)
+    assert "\\x1b[2J\\x07" in line
+    assert line.isprintable()
+
+
 def test_an_internal_error_is_exit_code_1_with_its_traceback() -> None:
     done = python(
         "import sys, navrl.cli, navrl.commands.doctor as command\n"

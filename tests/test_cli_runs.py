@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -312,3 +313,14 @@ def test_a_name_that_is_too_long_is_one_line(arguments: str, tmp_path: Path) -> 
     refused = navrl(*arguments.split(), "a" * 300 + ".png", cwd=tmp_path, code=2)
     assert "File name too long" in refused.stderr
     assert refused.stderr.count("\n") == 1
+
+
+def test_a_part_of_a_world_that_is_walled_off_is_told(tmp_path: Path) -> None:
+    walls = [[1, -3, 1, 3], [-3, -3, 3, -3], [3, -3, 3, 3], [3, 3, -3, 3], [-3, 3, -3, -3]]
+    (tmp_path / "flat.json").write_text(json.dumps({"area": [-3, -3, 3, 3], "segments": walls}))
+    done = navrl("train", "--world", "flat.json", *SMALL, "--out", "run", cwd=tmp_path)
+    # Centres keep the robot's radius (about 0.26 m with its margin) from walls: of 3.48 x 5.48 and 1.48 x 5.48 m, the
+    # smaller part is cut off, 30 %, as fine as a grid of 0.07 m can tell.
+    share = re.search(r"flat\.json: no way leads to (\d+) % of the free area", done.stderr)
+    assert share is not None
+    assert 28 <= int(share[1]) <= 31

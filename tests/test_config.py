@@ -28,16 +28,6 @@ BUILT_IN = '"td3", "boxes", "open8" or the path of an existing .json file'
 Writer = Callable[[str | bytes], Path]
 
 
-@pytest.fixture
-def config_file(tmp_path: Path) -> Writer:
-    def write(content: str | bytes) -> Path:
-        path = tmp_path / "my.toml"
-        path.write_bytes(content if isinstance(content, bytes) else content.encode())
-        return path
-
-    return write
-
-
 # What is accepted
 
 

@@ -1,6 +1,5 @@
 """The evaluator: every scenario once, the same numbers whatever runs beside it, and hand-made episodes."""
 
-import io
 import json
 import math
 from dataclasses import replace
@@ -13,7 +12,7 @@ from rich.console import Console
 
 from navrl.batch import Scenario
 from navrl.config import Config, LidarConfig, RobotConfig, SimConfig, TaskConfig
-from navrl.evaluate import evaluate, print_scores, write_json
+from navrl.evaluate import evaluate, scores_table, write_json
 from navrl.metrics import EPISODE_KEYS, Episode
 from navrl.policy import Policy, PolicyDescription, PolicyError
 from navrl.scenarios import ScenarioError, hash_scenarios, load_list
@@ -254,9 +253,7 @@ def test_the_json_file(tmp_path: Path) -> None:
 
 def test_the_table_shows_rates_with_their_intervals() -> None:
     evaluation = evaluate(Constant(1.0, 0.0), [scenario(goal=3.02), scenario(goal=9.0)], sim=SimConfig())
-    shown = io.StringIO()
-    print_scores(evaluation.summary, "default", "td3", Console(file=shown, width=100))
-    text = shown.getvalue()
+    text = scores_table(evaluation.summary, "default", "td3", Console(width=100))
     # Wilson for 1 of 2: 0.5 +- 0.405 (of the interval 0.0945 to 0.9055)
     for words in ("default on td3, list given: 2 scenarios", "50.00 %", "9.45 to 90.55 %", "5.50 s", "2.75 m"):
         assert words in text, text

@@ -138,8 +138,8 @@ def shortest_path(scenario: Scenario, radius: float) -> float | None:
 def needs_detour(scenario: Scenario, radius: float) -> bool:
     """Whether the segment from start to goal, swept by a disc of that radius, touches an obstacle."""
 
-def check_world(config: str) -> None:
-    """Refuses a configuration whose world cannot be set up for its robot."""
+def check_world(config: str) -> float:
+    """Refuses a configuration whose world cannot hold its robot; returns the cut-off share of the world's free area."""
 
 def isa() -> str:
     """Instruction set of the scan kernels: baseline, avx2 or avx512."""

@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return _run(list(sys.argv[1:] if arguments is None else arguments))
     except UserError as error:
-        print(f"navrl: {' '.join(str(error).splitlines())}", file=sys.stderr)
+        print(f"navrl: {_printable(' '.join(str(error).splitlines()))}", file=sys.stderr)
         return USER_MISTAKE
     except KeyboardInterrupt as interruption:
         if not str(interruption):  # training has said what it saved
@@ -71,6 +71,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         file = "" if error.filename is None else f"{error.filename}: "
         print(f"navrl: {file}{error.strerror or error}", file=sys.stderr)
         return USER_MISTAKE
+
+
+def _printable(text: str) -> str:
+    """The text with escapes for control characters, which files may hold and terminals obey."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def _run(arguments: list[str]) -> int:

@@ -196,14 +196,14 @@ def _episodes(simulator: BatchSim, scenarios: ScenarioList, period: float) -> li
     ]
 
 
-def print_scores(scores: Scores, policy: str, world: str, console: Console) -> None:
-    """Shows scores as a small table.
+def scores_table(scores: Scores, policy: str, world: str, console: Console) -> str:
+    """Scores as a line and a small table, to be printed.
 
     Args:
         scores: What to show.
         policy: Name of the policy.
         world: Name of the world or file.
-        console: Where to.
+        console: Whose width and colours it has.
     """
     from rich.table import Table
 
@@ -212,7 +212,6 @@ def print_scores(scores: Scores, policy: str, world: str, console: Console) -> N
         return "-" if value is None else f"{value:.2f} {unit}"
 
     which = "" if scores.list == world else f", list {scores.list}"
-    console.print(f"{policy} on {world}{which}: {scores.episodes:,} scenarios", soft_wrap=True, highlight=False)
     table = Table()
     table.add_column("measure")
     table.add_column("value", justify="right")
@@ -228,7 +227,11 @@ def print_scores(scores: Scores, policy: str, world: str, console: Console) -> N
     table.add_row("time to goal", shown(scores.time_to_goal_s, "s"), "")
     table.add_row("path length", shown(scores.path_length_m, "m"), "")
     table.add_row("smallest clearance", shown(scores.min_clearance_m, "m"), "")
-    console.print(table)
+    # As text, for a console that prints ends the process when its reader has gone.
+    with console.capture() as capture:
+        console.print(f"{policy} on {world}{which}: {scores.episodes:,} scenarios", soft_wrap=True, highlight=False)
+        console.print(table)
+    return capture.get()
 
 
 def write_json(file: Path, evaluation: Evaluation, policy: str) -> None:

@@ -23,9 +23,10 @@ fn isa() -> PyResult<&'static str> {
     navsim::lidar::Isa::current().map(|isa| isa.name()).map_err(arguments::refusal)
 }
 
-/// Refuses a configuration whose world cannot be set up for its robot.
+/// Refuses a configuration whose world cannot be set up for its robot; returns the share of the world's free area that
+/// is cut off from the rest.
 #[pyfunction]
-fn check_world(config: &str) -> PyResult<()> {
+fn check_world(config: &str) -> PyResult<f64> {
     let config = navsim::SimConfig::from_json(config).map_err(arguments::refusal)?;
-    navsim::task::Task::new(config, None, 0).map(|_| ()).map_err(arguments::refusal)
+    navsim::task::Task::new(config, None, 0).map(|task| task.cut_off()).map_err(arguments::refusal)
 }

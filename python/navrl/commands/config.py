@@ -9,11 +9,9 @@ from navrl.config.files import load_config, to_toml
 
 def show(options: Namespace) -> int:
     """Prints a complete configuration as TOML."""
-    settings = given_settings(options)
-    print(
-        to_toml(load_config(options.file, preset=options.preset or "fast", robot=options.robot, options=settings)),
-        end="",
-    )
+    preset = "fast" if options.preset is None else options.preset
+    config = load_config(options.file, preset=preset, robot=options.robot, options=given_settings(options))
+    print(to_toml(config), end="")
     return DONE
 
 

@@ -26,11 +26,11 @@ def evaluate(options: Namespace) -> int:
     from rich.console import Console
 
     from navrl import evaluate as run
-    from navrl.evaluate import print_scores, write_json
+    from navrl.evaluate import scores_table, write_json
 
     scenarios = scenario_list(options, sim, count=count, num_threads=num_threads)
     evaluation = run(policy, scenarios, sim=sim, num_threads=num_threads)
     if target is not None:
         write_json(target, evaluation, options.policy)
-    print_scores(evaluation.summary, options.policy, place(options, sim), Console())
+    print(scores_table(evaluation.summary, options.policy, place(options, sim), Console()), end="")
     return DONE

@@ -8,12 +8,14 @@ from pathlib import Path
 
 from navrl.cli import DONE, NOT_FINITE
 from navrl.commands.options import given_settings, whole_number
-from navrl.config import Config
+from navrl.config import WORLDS, Config
 from navrl.config.files import Option, load_config
 from navrl.errors import UserError
 
 FIXED_BY_RUN = ("preset", "robot", "config", "world", "seed", "seeds", "episodes", "until", "algorithm", "init", "out")
 """Options that a resumed run has no use for."""
+CUT_OFF_TOLD = 0.005
+"""Share of a world file's free area that is told about when no way leads there."""
 FIRST_DRAWS = 8
 """Scenarios drawn before the learner is loaded, to see whether the world has room."""
 
@@ -24,7 +26,7 @@ def train(options: Namespace) -> int:
         return _resume(options)
     if options.inexact:
         raise UserError("train: --inexact goes with --resume only")
-    preset = options.preset or "fast"
+    preset = "fast" if options.preset is None else options.preset
     configs = _configs(options, preset)
     folders = _folders(options.out, preset, configs, several=options.seeds is not None)
     if options.init is not None:
@@ -119,7 +121,13 @@ def _check_world(config: Config) -> None:
     from navrl.batch import config_json, draw_list
 
     try:
-        _navsim.check_world(config_json(config.sim))
+        cut_off = _navsim.check_world(config_json(config.sim))
         draw_list(config.sim, "train", FIRST_DRAWS, seed=config.training.seed)
     except ValueError as error:
         raise UserError(str(error)) from error
+    if config.world.name not in WORLDS and cut_off > CUT_OFF_TOLD:
+        print(
+            f"navrl: {config.world.name}: no way leads to {100 * cut_off:.0f} % of the free area for a robot of this "
+            "size; starts and goals are drawn in the largest connected part only",
+            file=sys.stderr,
+        )

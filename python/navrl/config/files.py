@@ -95,7 +95,11 @@ def load_sim(options: Sequence[Option]) -> SimConfig:
 
 def to_toml(config: Config) -> str:
     """The complete configuration as TOML: table headers and one `key = value` a line; reads back to an equal one."""
-    tables = asdict(config)
+    return tables_to_toml(asdict(config))
+
+
+def tables_to_toml(tables: Mapping[str, Mapping[str, object]]) -> str:
+    """Settings by table and key as TOML."""
     blocks = [
         f"[{table}]\n" + "".join(f"{key} = {_toml(value)}\n" for key, value in values.items())
         for table, values in tables.items()

@@ -249,9 +249,8 @@ class Checkpoints:
         except OSError as error:
             shutil.rmtree(pending, ignore_errors=True)
             self._remove_unused_chunks()
-            raise CheckpointError(
-                f"{self.folder}: no checkpoint could be saved: {error.strerror}; the newest one there is complete"
-            ) from error
+            kept = "the newest one there is complete" if self.numbers() else "there is none before it"
+            raise CheckpointError(f"{self.folder}: no checkpoint could be saved: {error.strerror}; {kept}") from error
 
     def _write_chunk(self, first: int, rows: NDArray[np.float32]) -> Chunk:
         last = first + len(rows)

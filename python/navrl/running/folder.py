@@ -3,9 +3,12 @@
 with RunFolder.create(path) as folder: ...       a new run, in a new or empty folder
 with RunFolder.open(path) as folder: ...         an existing run
     .checkpoints, .policy, .config_file, .summary_file
-    .write_config(config);  .edited_config(saved);  .write_summary(summary);  .summary() -> dict or None
+    .keep_world(config) -> config;  .write_config(config);  .edited_config(saved)
+    .tables(config) -> dict;  .config(tables)
+    .write_summary(summary);  .summary() -> dict or None
 
-DIR/summary.json  DIR/config.toml  DIR/metrics.csv  DIR/events.out.tfevents.*  DIR/checkpoints/  DIR/policy/
+DIR/summary.json  DIR/config.toml  DIR/world.json  DIR/metrics.csv  DIR/events.out.tfevents.*
+DIR/checkpoints/  DIR/policy/
 """
 
 from __future__ import annotations
@@ -13,15 +16,16 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import shutil
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Self
 
 from pydantic import TypeAdapter, ValidationError
 
-from navrl.config import Config
-from navrl.config.files import load_config, to_toml
+from navrl.config import WORLDS, Config
+from navrl.config.files import load_config, tables_to_toml
 from navrl.durable import PENDING, write_file
 from navrl.errors import UserError, shown
 
@@ -120,9 +124,55 @@ class RunFolder:
         """What a finished run reports."""
         return self.path / "summary.json"
 
+    @property
+    def world_file(self) -> Path:
+        """Copy of the world file, where the world is one."""
+        return self.path / "world.json"
+
+    def keep_world(self, config: Config) -> Config:
+        """Copies the world file, so that the run needs nothing outside its folder.
+
+        Returns:
+            The configuration with the copy for its world; the same one for a built-in world.
+        """
+        if config.world.name in WORLDS:
+            return config
+        write_file(self.world_file, Path(config.world.name).read_bytes())
+        return replace(config, world=replace(config.world, name=str(self.world_file.absolute())))
+
+    def tables(self, config: Config) -> dict[str, Any]:
+        """The configuration as tables that stay true when the folder is moved."""
+        tables = asdict(config)
+        if config.world.name not in WORLDS:
+            tables["world"]["name"] = self.world_file.name
+        return tables
+
+    def config(self, tables: dict[str, Any]) -> Config:
+        """The configuration that `tables` wrote, perhaps in another place.
+
+        Raises:
+            UserError: A key or value is not of this version, or the world file has gone.
+        """
+        if tables.get("world", {}).get("name") == self.world_file.name:
+            tables = {**tables, "world": {**tables["world"], "name": str(self.world_file.absolute())}}
+        try:
+            return TypeAdapter(Config).validate_json(json.dumps(tables))
+        except ValidationError as error:
+            fault = error.errors()[0]
+            key = ".".join(str(part) for part in fault["loc"])
+            raise UserError(f"the checkpoint's {key} = {shown(fault['input'])}: {fault['msg']}") from None
+
     def write_config(self, config: Config) -> None:
         """Writes config.toml, from which the run can be repeated."""
-        write_file(self.config_file, to_toml(config).encode())
+        write_file(self.config_file, tables_to_toml(self.tables(config)).encode())
+
+    def empty(self) -> None:
+        """Removes what a run wrote that ended before its first checkpoint was complete."""
+        for path in self.path.iterdir():
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
 
     def edited_config(self, saved: Config) -> Config:
         """The configuration to resume with: the saved one, with edits of config.toml that never change results.
@@ -160,20 +210,6 @@ class RunFolder:
         except (OSError, ValueError):
             return None
         return summary
-
-
-def config_from_tables(tables: dict[str, Any]) -> Config:
-    """The configuration that a checkpoint's record holds.
-
-    Raises:
-        UserError: A key or value is not of this version, or the world file has gone.
-    """
-    try:
-        return TypeAdapter(Config).validate_json(json.dumps(tables))
-    except ValidationError as error:
-        fault = error.errors()[0]
-        key = ".".join(str(part) for part in fault["loc"])
-        raise UserError(f"the checkpoint's {key} = {shown(fault['input'])}: {fault['msg']}") from None
 
 
 def _settings(config: Config) -> dict[str, Any]:

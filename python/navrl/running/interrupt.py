@@ -1,4 +1,4 @@
-"""Ctrl+C and SIGTERM: once to stop at the next good moment, twice to leave at once.
+"""Ctrl+C, SIGTERM and a terminal that is closed: once to stop at the next good moment, twice to leave at once.
 
 with Interruption(leave) as interruption:
     .requested                  whether to stop; looked at between two moves of the run
@@ -17,7 +17,7 @@ from types import FrameType
 from typing import Any, Self
 
 EXIT_CODE = 130
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Interrupted(KeyboardInterrupt):
@@ -42,7 +42,9 @@ class Interruption:
     def __enter__(self) -> Self:
         """Sets the handlers."""
         if threading.current_thread() is threading.main_thread():
-            self._previous = {number: signal.signal(number, self._handle) for number in SIGNALS}
+            # What is ignored stays so: `nohup` lets a run outlive its terminal.
+            heeded = [number for number in SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
+            self._previous = {number: signal.signal(number, self._handle) for number in heeded}
         return self
 
     def __exit__(self, *_: object) -> None:

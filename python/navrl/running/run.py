@@ -32,7 +32,7 @@ from navrl.replay import Arrays, NonFiniteError, NStepAssembler, Replay, row_wid
 from navrl.running.checkpoint import CheckpointError, Checkpoints, Saved
 from navrl.running.clock import RunClock
 from navrl.running.counts import Counts, Limits
-from navrl.running.folder import RunFolder, config_from_tables
+from navrl.running.folder import RunFolder
 from navrl.running.metrics_log import MetricsLog, ResumePoint
 from navrl.running.training_metrics import Progress, TrainingMetrics
 from navrl.scenarios import ScenarioList, load_list
@@ -131,7 +131,7 @@ class Run:
         """
         saved = Checkpoints(folder.checkpoints).newest()
         record = saved.record
-        config = folder.edited_config(config_from_tables(record["config"]))
+        config = folder.edited_config(folder.config(record["config"]))
         run = cls(config, folder, preset=record["preset"], test=record["test"])
         differences = Machine(**record["environment"]).differences(run.machine)
         if differences and not inexact:
@@ -196,7 +196,7 @@ class Run:
             "test": self.test,
             "inexact": self.inexact,
             "environment": asdict(self.machine),
-            "config": asdict(self.config),
+            "config": self.folder.tables(self.config),
             "counts": asdict(self.counts),
             "limits": self.limits._asdict(),
             "best": best,
@@ -251,8 +251,7 @@ class Run:
             if not np.isfinite(actions).all():
                 raise NonFiniteError(str(error)) from None
             where = f"training stopped after {self.counts.steps:,} steps"
-            kept = f"the last checkpoint in {self.folder.checkpoints} is complete"
-            raise UserError(f"{where}: {error}; {kept}") from error
+            raise UserError(f"{where}: {error}; {self.kept}") from error
 
     def encode(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """Encodes observations of the simulator into an array of their own: (num_envs, inputs)."""
@@ -266,6 +265,12 @@ class Run:
     def description(self, scores: Scores | None) -> PolicyDescription:
         """Describes a policy of this run."""
         return PolicyDescription.from_config(self.config, None if scores is None else scores.to_json())
+
+    @property
+    def kept(self) -> str:
+        """What is left of the run when an error ends it."""
+        saved = self.checkpoints.numbers()
+        return f"the last checkpoint in {self.folder.checkpoints} is complete" if saved else "nothing was saved"
 
     @property
     def progress(self) -> Progress:

@@ -16,7 +16,7 @@ from navrl.errors import UserError
 from navrl.machine import available_memory
 from navrl.policy import load_policy, save_policy
 from navrl.replay import NonFiniteError
-from navrl.running.checkpoint import CheckpointError
+from navrl.running.checkpoint import CheckpointError, Checkpoints
 from navrl.running.folder import RunFolder
 from navrl.running.interrupt import Interrupted, Interruption
 from navrl.running.metrics_log import MetricsLog
@@ -51,11 +51,17 @@ def train(
     """
     first_policy = None if init is None else load_policy(init)
     with RunFolder.create(Path(out)) as folder:
-        run = Run(config, folder, preset=preset, test=test)
-        if first_policy is not None:
-            run.start_from(first_policy)
-        folder.write_config(config)
-        _to_the_end(run)
+        try:
+            config = folder.keep_world(config)
+            run = Run(config, folder, preset=preset, test=test)
+            if first_policy is not None:
+                run.start_from(first_policy)
+            folder.write_config(config)
+            _to_the_end(run)
+        except BaseException:
+            if not Checkpoints(folder.checkpoints).numbers():
+                folder.empty()
+            raise
         return folder.path
 
 
@@ -106,13 +112,11 @@ def _to_the_end(run: Run) -> None:
                 _save_and_leave(training)
     except NonFiniteError as error:
         where = f"after {run.counts.steps:,} steps and {run.learner.updates:,} updates"
-        kept = f"the last checkpoint in {run.folder.checkpoints} is sound"
-        raise NonFiniteError(f"training stopped {where}: {error}; {kept}") from None
+        raise NonFiniteError(f"training stopped {where}: {error}; {run.kept}") from None
     except BrokenPipeError:
         raise  # who read our output has gone; nothing is wrong with the run
     except OSError as error:
-        kept = f"the last checkpoint in {run.folder.checkpoints} is complete"
-        raise UserError(f"{error.filename or run.folder.path}: {error.strerror}; {kept}") from error
+        raise UserError(f"{error.filename or run.folder.path}: {error.strerror}; {run.kept}") from error
     finally:
         with suppress(CheckpointError):  # said already, or of no account beside another error
             run.wait_until_saved()
@@ -153,11 +157,13 @@ def _save_and_leave(training: Training) -> NoReturn:
         Interrupted: Always; its text says how to resume.
     """
     run, monitor = training.run, training.monitor
-    monitor.line("stopping; Ctrl+C again leaves at once, with the last checkpoint")
+    with suppress(OSError):  # a terminal that was closed
+        monitor.line("stopping; Ctrl+C again leaves at once, with the last checkpoint")
     run.save(training.log)
     run.wait_until_saved()
-    monitor.close()
     folder = run.folder.path
     message = f"stopped after {run.counts.steps:,} steps and saved; resume with: navrl train --resume {folder}"
-    monitor.line(message)
+    with suppress(OSError):
+        monitor.close()
+        monitor.line(message)
     raise Interrupted(message)

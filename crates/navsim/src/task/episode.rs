@@ -123,6 +123,14 @@ impl Task {
         Workspace { scan: self.lidar.buffer(), layout: Layout::default() }
     }
 
+    /// Share of the world's free area that is cut off from the rest, in [0, 1]; 0 for given scenarios.
+    pub fn cut_off(&self) -> f64 {
+        match &self.source {
+            Source::Generator(generator) => generator.cut_off(),
+            Source::Scenarios(_) => 0.0,
+        }
+    }
+
     /// Number of given scenarios, `None` when they are drawn.
     pub fn scenario_count(&self) -> Option<usize> {
         match &self.source {

@@ -116,6 +116,12 @@ impl Generator {
         &self.static_obstacles
     }
 
+    /// Share of the free area in which no start or goal is drawn, because no way leads there from the largest connected
+    /// part; in [0, 1].
+    pub fn cut_off(&self) -> f64 {
+        self.free_space.cut_off()
+    }
+
     /// What does not move, as shapes.
     pub fn static_shapes(&self) -> &[Shape] {
         &self.room.shapes

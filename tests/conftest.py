@@ -1,0 +1,37 @@
+"""What several test files share."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from navrl.running.session import train
+from short_runs import PRESETS, outcome, small
+
+
+@pytest.fixture(scope="session")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
+    """Outcomes, by preset, of runs that were never interrupted and never saved but at their ends."""
+    outcomes = {}
+    for preset in PRESETS:
+        folder = tmp_path_factory.mktemp(preset) / "run"
+        train(small(preset), folder, preset=preset, test=False)
+        outcomes[preset] = outcome(folder)
+    return outcomes
+
+
+Writer = Callable[[str | bytes], Path]
+"""Writes a configuration file of that content."""
+
+
+@pytest.fixture
+def config_file(tmp_path: Path) -> Writer:
+    """Writes my.toml."""
+
+    def write(content: str | bytes) -> Path:
+        path = tmp_path / "my.toml"
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
