@@ -1,7 +1,7 @@
 //! Random worlds: against a visibility graph of sampled arcs, against the same search without a guide, and the
 //! properties that every shortest path has.
 
-use super::super::inflated::{Solid, apart};
+use super::super::inflated::{InflatedSolid, apart};
 use super::super::shortest_path::around;
 use super::super::{needs_detour, shortest_path};
 use super::{Point, room, stream};
@@ -189,7 +189,7 @@ fn the_guide_changes_nothing() {
         if apart(start, goal) <= goal_radius {
             continue;
         }
-        let solids: Vec<Solid> = world.shapes.iter().map(|shape| Solid::new(shape, radius)).collect();
+        let solids: Vec<InflatedSolid> = world.shapes.iter().map(|shape| InflatedSolid::new(shape, radius)).collect();
         let blind = around(solids, radius, start, goal, goal_radius, 0.0);
         match (world.length(), blind) {
             (Some(guided), Some(blind)) => assert!((guided - blind).abs() < 1e-9, "seed {seed}: {guided} {blind}"),
