@@ -5,7 +5,7 @@
 
 use super::draw::{Draws, LaneRuns, View, lane_and_block, larger};
 use super::fan::Fan;
-use crate::world::{BLOCK, EdgeBlock, Lanes};
+use crate::world::{BLOCK, Lanes};
 
 /// Edges that face the lidar and are not drawn yet, in its frame.
 #[derive(Debug, Clone)]
@@ -34,10 +34,10 @@ impl Default for Facing {
 }
 
 impl Facing {
-    /// Draws what of `block` the lidar may see, now or with the next edges; `finish` draws what is left.
+    /// Draws what of a block of `Outline::edges` the lidar may see, now or with the next edges; `finish` draws what is left.
     #[inline(always)]
-    pub fn add(&mut self, block: &EdgeBlock, view: View, fan: &Fan, draws: &mut Draws, depth: &mut [Lanes]) {
-        let (values, mut seen) = turn(block, view, fan);
+    pub fn add(&mut self, edges: &[Lanes; 7], view: View, fan: &Fan, draws: &mut Draws, depth: &mut [Lanes]) {
+        let (values, mut seen) = turn(edges, view, fan);
         while seen != 0 {
             let lane = seen.trailing_zeros() as usize;
             for (waiting, turned) in self.values.iter_mut().zip(&values) {
@@ -78,16 +78,17 @@ const BIT: [u32; BLOCK] = [1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 40
 
 /// The edges of a block in the lidar's frame, and a bit for each that faces it and is not behind it.
 #[inline(always)]
-fn turn(block: &EdgeBlock, view: View, fan: &Fan) -> ([Lanes; 6], u32) {
+fn turn(edges: &[Lanes; 7], view: View, fan: &Fan) -> ([Lanes; 6], u32) {
+    let [from_x, from_y, to_x, to_y, along_x, along_y, back] = edges;
     let mut turned = [Lanes::all(0.0); 6];
     let mut seen = [0_u32; BLOCK];
     for i in 0..BLOCK {
-        let (ax, ay) = view.turn(block.from[0].0[i] - view.x, block.from[1].0[i] - view.y);
-        let (bx, by) = view.turn(block.to[0].0[i] - view.x, block.to[1].0[i] - view.y);
-        let (ex, ey) = view.turn(block.along[0].0[i], block.along[1].0[i]);
+        let (ax, ay) = view.turn(from_x.0[i] - view.x, from_y.0[i] - view.y);
+        let (bx, by) = view.turn(to_x.0[i] - view.x, to_y.0[i] - view.y);
+        let (ex, ey) = view.turn(along_x.0[i], along_y.0[i]);
         let cross = ax * ey - ay * ex;
         let behind = fan.is_behind(ax, ay) & fan.is_behind(bx, by);
-        let faces = (cross < 0.0) | (cross > block.back.0[i]);
+        let faces = (cross < 0.0) | (cross > back.0[i]);
         seen[i] = if faces & !behind { BIT[i] } else { 0 };
         for (row, value) in turned.iter_mut().zip([ax, ay, bx, by, ex, ey]) {
             row.0[i] = value;

@@ -8,6 +8,7 @@ mod fan;
 mod isa;
 mod noise;
 mod raster;
+mod walk;
 
 pub use bins::Bins;
 pub use fan::beam_angle;
@@ -115,7 +116,7 @@ impl Lidar {
             let Self { sigma, range_min, range_max, .. } = *self;
             let first_block = noise.scan.wrapping_mul(self.noise_blocks);
             isa::add_noise(self.isa, &Noise { stream: noise.stream, sigma, range_min, range_max }, first_block, ranges);
-        } else {
+        } else if self.range_min > 0.0 {
             for range in ranges.iter_mut() {
                 *range = if *range < self.range_min { self.range_min } else { *range };
             }
@@ -138,7 +139,8 @@ impl Lidar {
             self.cast_by_parry(around, &view, &mut buffer.ranges);
         } else {
             let outlines = around.obstacles.map(Obstacles::outline);
-            isa::scan(self.isa, outlines, view, &self.fan, self.range_max, &mut buffer.raster, &mut buffer.ranges);
+            let trees = self.caster == Caster::Auto;
+            isa::scan(self.isa, outlines, trees, view, &self.fan, self.range_max, &mut buffer.raster, &mut buffer.ranges);
         }
     }
 
