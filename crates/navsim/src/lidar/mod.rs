@@ -139,8 +139,8 @@ impl Lidar {
             self.cast_by_parry(around, &view, &mut buffer.ranges);
         } else {
             let outlines = around.obstacles.map(Obstacles::outline);
-            let trees = self.caster == Caster::Auto;
-            isa::scan(self.isa, outlines, trees, view, &self.fan, self.range_max, &mut buffer.raster, &mut buffer.ranges);
+            let shortcuts = self.caster == Caster::Auto;
+            isa::scan(self.isa, outlines, shortcuts, view, &self.fan, self.range_max, &mut buffer.raster, &mut buffer.ranges);
         }
     }
 

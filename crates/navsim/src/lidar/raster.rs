@@ -9,7 +9,7 @@
 
 use super::circles;
 use super::draw::{Draws, View};
-use super::edges::Facing;
+use super::edges::{Facing, draw_all};
 use super::fan::Fan;
 use super::walk::{Depth, Walk};
 use crate::world::{BLOCK, Lanes, Outline};
@@ -38,11 +38,11 @@ impl Scratch {
 
 /// Computes the ranges (m) of all beams of `fan` in the lidar's frame against `outlines`; `ranges` has the padded
 /// length of the fan. A beam that meets nothing within `range_max` gets exactly `range_max`. The lidar must not be
-/// inside a solid. With `trees`, what is hidden is passed over where there is a tree; the ranges are the same.
+/// inside a solid. `shortcuts` allows what is faster and gives the same bits: trees, and the array method for few beams.
 #[inline(always)]
 pub(super) fn scan(
     outlines: [&Outline; 2],
-    trees: bool,
+    shortcuts: bool,
     view: View,
     fan: &Fan,
     range_max: f32,
@@ -51,7 +51,7 @@ pub(super) fn scan(
 ) {
     let farthest = 1.0 / range_max;
     scratch.depth.fill(Lanes::all(farthest));
-    draw_edges(outlines, trees, view, fan, range_max, scratch);
+    draw_edges(outlines, shortcuts, view, fan, range_max, scratch);
     copy(&scratch.depth, ranges);
     for range in ranges.iter_mut() {
         let hit = 1.0 / *range;
@@ -61,18 +61,28 @@ pub(super) fn scan(
         for (block, row) in scratch.depth.iter_mut().zip(ranges.chunks_exact(BLOCK)) {
             block.0.copy_from_slice(row);
         }
-        draw_circles(outlines, trees, view, fan, range_max, scratch);
+        draw_circles(outlines, shortcuts, view, fan, range_max, scratch);
         copy(&scratch.depth, ranges);
     }
 }
 
 /// Draws all edges into the depth buffer of inverse ranges.
 #[inline(always)]
-fn draw_edges(outlines: [&Outline; 2], trees: bool, view: View, fan: &Fan, range_max: f32, scratch: &mut Scratch) {
+fn draw_edges(outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, range_max: f32, scratch: &mut Scratch) {
     let Scratch { depth, draws, facing, walk } = scratch;
+    if shortcuts && outlines.iter().all(|outline| outline.edges.tree().is_none()) {
+        let blocks = outlines.iter().flat_map(|outline| outline.edges.blocks());
+        match depth.len() {
+            1 => return draw_all::<1>(blocks, view, fan, facing, draws, depth),
+            2 => return draw_all::<2>(blocks, view, fan, facing, draws, depth),
+            3 => return draw_all::<3>(blocks, view, fan, facing, draws, depth),
+            4 => return draw_all::<4>(blocks, view, fan, facing, draws, depth),
+            _ => {}
+        }
+    }
     for outline in outlines {
         let blocks = outline.edges.blocks();
-        match outline.edges.tree().filter(|_| trees) {
+        match outline.edges.tree().filter(|_| shortcuts) {
             None => {
                 for block in blocks {
                     facing.add(block, view, fan, draws, depth);
@@ -91,11 +101,11 @@ fn draw_edges(outlines: [&Outline; 2], trees: bool, view: View, fan: &Fan, range
 
 /// Draws all circles into the depth buffer of ranges.
 #[inline(always)]
-fn draw_circles(outlines: [&Outline; 2], trees: bool, view: View, fan: &Fan, range_max: f32, scratch: &mut Scratch) {
+fn draw_circles(outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, range_max: f32, scratch: &mut Scratch) {
     let Scratch { depth, draws, walk, .. } = scratch;
     for outline in outlines {
         let blocks = outline.circles.blocks();
-        match outline.circles.tree().filter(|_| trees) {
+        match outline.circles.tree().filter(|_| shortcuts) {
             None => {
                 for block in blocks {
                     circles::draw(block, view, fan, draws, depth);
