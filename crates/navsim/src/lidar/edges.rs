@@ -76,7 +76,11 @@ impl Facing {
         let runs = ready.runs(fan);
         for pair in draws.list(&runs, count) {
             let (lane, block) = lane_and_block(*pair);
-            draw_edge(&ready, lane, &fan.cos[block], &fan.sin[block], &mut depth[block]);
+            let (cos, sin, before) = (&fan.cos[block], &fan.sin[block], depth[block]);
+            draw_edge(&ready, lane, cos, sin, &mut depth[block]);
+            if fan.is_wide() {
+                ready.restore_behind(lane, cos, sin, &before, &mut depth[block]);
+            }
         }
     }
 }
@@ -139,6 +143,20 @@ impl Ready {
             runs.set(i, fan.between(right, left), true);
         }
         runs
+    }
+
+    /// Gives the beams that point away from edge `lane` the depth they had before: its interval spares them only where
+    /// a block of beams is narrow, and on the line of an edge that is seen edge-on they pass the test of its ends.
+    #[inline(always)]
+    fn restore_behind(&self, lane: usize, cos: &Lanes, sin: &Lanes, before: &Lanes, depth: &mut Lanes) {
+        let (right, left) = ([self.right[0].0[lane], self.right[1].0[lane]], [self.left[0].0[lane], self.left[1].0[lane]]);
+        if right[0] * left[0] + right[1] * left[1] > 0.0 {
+            let middle = [right[0] + left[0], right[1] + left[1]];
+            for i in 0..BLOCK {
+                let behind = cos.0[i] * middle[0] + sin.0[i] * middle[1] < 0.0;
+                depth.0[i] = if behind { before.0[i] } else { depth.0[i] };
+            }
+        }
     }
 }
 
