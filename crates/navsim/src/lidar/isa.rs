@@ -5,9 +5,10 @@
 
 #![allow(unsafe_code)]
 
+use super::draw::View;
 use super::fan::Fan;
 use super::noise::{self, Noise};
-use super::raster::{self, Scratch, View};
+use super::raster::{self, Scratch};
 use crate::error::{Error, Result};
 use crate::world::Outline;
 
@@ -73,6 +74,15 @@ impl Isa {
     }
 }
 
+/// The whole part of `value`, which is cut to 0 to 65,536 (0 for NaN): a conversion that vectorises, unlike `as`.
+#[inline(always)]
+pub(super) fn whole(value: f32) -> i32 {
+    let value = if value > 0.0 { value } else { 0.0 };
+    let value = if value < 65_536.0 { value } else { 65_536.0 };
+    // SAFETY: the value is within 0 to 65,536, and both comparisons are false for NaN.
+    unsafe { value.to_int_unchecked() }
+}
+
 /// Compiles a kernel for every instruction set and calls the body that `isa` names.
 macro_rules! dispatched {
     ($name:ident => $kernel:path, ($($argument:ident: $type:ty),*)) => {
@@ -102,6 +112,7 @@ macro_rules! dispatched {
 }
 
 dispatched!(scan => raster::scan, (
-    outlines: [&Outline; 2], view: View, fan: &Fan, range_max: f32, scratch: &mut Scratch, ranges: &mut [f32]
+    outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, range_max: f32, scratch: &mut Scratch,
+    ranges: &mut [f32]
 ));
 dispatched!(add_noise => noise::add, (noise: &Noise, first_block: u32, ranges: &mut [f32]));

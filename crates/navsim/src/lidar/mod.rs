@@ -1,10 +1,14 @@
 //! The lidar: from obstacles and pose to ranges, noise and bins.
 
 mod bins;
+mod circles;
+mod draw;
+mod edges;
 mod fan;
 mod isa;
 mod noise;
 mod raster;
+mod walk;
 
 pub use bins::Bins;
 pub use fan::beam_angle;
@@ -14,10 +18,10 @@ use crate::config::{Caster, LidarConfig};
 use crate::error::Result;
 use crate::pose::Pose;
 use crate::rng::StreamName;
-use crate::world::Obstacles;
+use crate::world::{BLOCK, Obstacles};
+use draw::View;
 use fan::Fan;
 use noise::Noise;
-use raster::View;
 
 /// A planar lidar on a robot. Ranges are metres from the lidar's own origin.
 #[derive(Debug, Clone)]
@@ -88,7 +92,7 @@ impl Lidar {
 
     /// Memory for scans of this lidar.
     pub fn buffer(&self) -> ScanBuffer {
-        ScanBuffer { raster: raster::Scratch::default(), ranges: vec![0.0; self.fan.padded()] }
+        ScanBuffer { raster: raster::Scratch::new(&self.fan), ranges: vec![0.0; self.fan.padded()] }
     }
 
     /// Number of beams.
@@ -112,7 +116,7 @@ impl Lidar {
             let Self { sigma, range_min, range_max, .. } = *self;
             let first_block = noise.scan.wrapping_mul(self.noise_blocks);
             isa::add_noise(self.isa, &Noise { stream: noise.stream, sigma, range_min, range_max }, first_block, ranges);
-        } else {
+        } else if self.range_min > 0.0 {
             for range in ranges.iter_mut() {
                 *range = if *range < self.range_min { self.range_min } else { *range };
             }
@@ -135,7 +139,8 @@ impl Lidar {
             self.cast_by_parry(around, &view, &mut buffer.ranges);
         } else {
             let outlines = around.obstacles.map(Obstacles::outline);
-            isa::scan(self.isa, outlines, view, &self.fan, self.range_max, &mut buffer.raster, &mut buffer.ranges);
+            let shortcuts = self.caster == Caster::Auto;
+            isa::scan(self.isa, outlines, shortcuts, view, &self.fan, self.range_max, &mut buffer.raster, &mut buffer.ranges);
         }
     }
 
@@ -145,7 +150,7 @@ impl Lidar {
 
     fn cast_by_parry(&self, around: &Surroundings, view: &View, ranges: &mut [f32]) {
         for (i, range) in ranges.iter_mut().enumerate() {
-            let (cos, sin) = (self.fan.cos[i], self.fan.sin[i]);
+            let (cos, sin) = (self.fan.cos[i / BLOCK].0[i % BLOCK], self.fan.sin[i / BLOCK].0[i % BLOCK]);
             let direction = [view.cos * cos - view.sin * sin, view.sin * cos + view.cos * sin];
             *range = around
                 .obstacles

@@ -1,7 +1,7 @@
 //! Gaussian noise for a whole scan at once: Philox words to normal numbers by Box and Muller, in blocks.
 
-use super::fan::BLOCK;
 use crate::rng::StreamName;
+use crate::world::BLOCK;
 
 /// Random blocks of four words that one round of the loop draws: one for each lane.
 const WORDS: usize = 4;
