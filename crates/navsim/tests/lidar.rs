@@ -9,7 +9,19 @@ use navsim::world::{Obstacles, Shape};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 fn config(beams: usize, fov: f64, range_max: f64) -> LidarConfig {
-    LidarConfig { beams, fov, range_min: 0.0, range_max, noise: 0.0, mount: [0.0; 3], bins: 1, caster: Caster::Auto }
+    LidarConfig {
+        beams,
+        fov,
+        range_min: 0.0,
+        range_max,
+        noise: 0.0,
+        noise_per_meter: 0.0,
+        resolution: 0.0,
+        drop_probability: 0.0,
+        mount: [0.0; 3],
+        bins: 1,
+        caster: Caster::Auto,
+    }
 }
 
 fn name() -> NoiseName {

@@ -27,7 +27,8 @@ impl Bins {
         self.len() == 0
     }
 
-    /// Writes the smallest range (m) of each bin to `pooled`, which has one place per bin.
+    /// Writes the smallest range (m) of each bin to `pooled`, which has one place per bin. Lost beams (NaN) count for
+    /// nothing: a bin without any other gets infinity.
     pub fn pool(&self, ranges: &[f32], pooled: &mut [f32]) {
         for (window, nearest) in self.starts.windows(2).zip(pooled) {
             let smaller = |a: f32, b: &f32| if *b < a { *b } else { a };
@@ -69,5 +70,7 @@ mod tests {
         Bins::new(5, 2).pool(&[3.0, 2.0, 9.0, 1.0, 4.0], &mut pooled);
         // Beam 2 looks exactly along the border between the bins: it belongs to the left one.
         assert_eq!(pooled, [2.0, 1.0]);
+        Bins::new(5, 2).pool(&[f32::NAN, 2.0, f32::NAN, f32::NAN, f32::NAN], &mut pooled);
+        assert_eq!(pooled, [2.0, f32::INFINITY]);
     }
 }

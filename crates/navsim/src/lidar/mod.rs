@@ -2,12 +2,14 @@
 
 mod bins;
 mod fan;
+mod faults;
 mod isa;
 mod noise;
 mod raster;
 
 pub use bins::Bins;
 pub use fan::beam_angle;
+pub(crate) use isa::DefaultMode;
 pub use isa::Isa;
 
 use crate::config::{Caster, LidarConfig};
@@ -25,12 +27,9 @@ pub struct Lidar {
     fan: Fan,
     bins: Bins,
     mount: Pose,
-    range_min: f32,
-    range_max: f32,
-    sigma: f32,
+    noise: Noise,
     caster: Caster,
     isa: Isa,
-    noise_blocks: u32,
 }
 
 /// Working memory of a scan; one for each thread.
@@ -77,12 +76,9 @@ impl Lidar {
             fan: Fan::new(config),
             bins: Bins::new(config.beams, config.bins),
             mount: Pose { x, y, yaw },
-            range_min: config.range_min as f32,
-            range_max: config.range_max as f32,
-            sigma: config.noise as f32,
+            noise: Noise::new(config),
             caster: config.caster,
             isa,
-            noise_blocks: noise::blocks_per_scan(config.beams),
         }
     }
 
@@ -101,22 +97,14 @@ impl Lidar {
         &self.bins
     }
 
-    /// Computes one scan: exact ranges, then noise on hits, clipped to [range_min, range_max]. A beam that meets
-    /// nothing reports exactly range_max; a lidar inside a solid sees 0 everywhere, before noise and clipping.
+    /// Computes one scan: exact ranges, then noise on hits, rounded and clipped to [range_min, range_max]. A beam that
+    /// meets nothing reports exactly range_max; a lidar inside a solid sees 0 everywhere, before noise and clipping; a
+    /// lost beam is NaN.
     ///
     /// The result (m, one per beam) stays in the buffer and is returned.
-    pub fn scan<'b>(&self, around: &Surroundings, noise: &NoiseName, buffer: &'b mut ScanBuffer) -> &'b [f32] {
+    pub fn scan<'b>(&self, around: &Surroundings, name: &NoiseName, buffer: &'b mut ScanBuffer) -> &'b [f32] {
         self.cast(around, buffer);
-        let ranges = &mut buffer.ranges[..];
-        if self.sigma > 0.0 {
-            let Self { sigma, range_min, range_max, .. } = *self;
-            let first_block = noise.scan.wrapping_mul(self.noise_blocks);
-            isa::add_noise(self.isa, &Noise { stream: noise.stream, sigma, range_min, range_max }, first_block, ranges);
-        } else {
-            for range in ranges.iter_mut() {
-                *range = if *range < self.range_min { self.range_min } else { *range };
-            }
-        }
+        isa::disturb(self.isa, &self.noise, name, &mut buffer.ranges);
         &buffer.ranges[..self.fan.beams]
     }
 
@@ -135,7 +123,15 @@ impl Lidar {
             self.cast_by_parry(around, &view, &mut buffer.ranges);
         } else {
             let outlines = around.obstacles.map(Obstacles::outline);
-            isa::scan(self.isa, outlines, view, &self.fan, self.range_max, &mut buffer.raster, &mut buffer.ranges);
+            isa::scan(
+                self.isa,
+                outlines,
+                view,
+                &self.fan,
+                self.noise.range_max,
+                &mut buffer.raster,
+                &mut buffer.ranges,
+            );
         }
     }
 
@@ -147,10 +143,9 @@ impl Lidar {
         for (i, range) in ranges.iter_mut().enumerate() {
             let (cos, sin) = (self.fan.cos[i], self.fan.sin[i]);
             let direction = [view.cos * cos - view.sin * sin, view.sin * cos + view.cos * sin];
-            *range = around
-                .obstacles
-                .iter()
-                .fold(self.range_max, |nearest, obstacles| obstacles.cast_ray([view.x, view.y], direction, nearest));
+            *range = around.obstacles.iter().fold(self.noise.range_max, |nearest, obstacles| {
+                obstacles.cast_ray([view.x, view.y], direction, nearest)
+            });
         }
     }
 }

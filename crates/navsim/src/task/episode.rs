@@ -120,7 +120,11 @@ impl Task {
 
     /// Memory for one thread.
     pub fn workspace(&self) -> Workspace {
-        Workspace { scan: self.lidar.buffer(), layout: Layout::default() }
+        let layout = match &self.source {
+            Source::Generator(generator) => generator.layout(),
+            Source::Scenarios(_) => Layout::default(),
+        };
+        Workspace { scan: self.lidar.buffer(), layout }
     }
 
     /// Number of given scenarios, `None` when they are drawn.
@@ -241,6 +245,10 @@ impl Task {
         let goal_polar = goal_in_robot(&episode.pose, episode.goal);
         write_extra(goal_polar, episode.velocity, &self.config.robot, extra);
         let nearest = bins.iter().fold(f32::INFINITY, |a, b| a.min(*b));
+        // A bin that lost all its beams is not clear; it is no obstacle either, to reward or end an episode by.
+        for bin in bins.iter_mut().filter(|bin| **bin == f32::INFINITY) {
+            *bin = 0.0;
+        }
         (f64::from(nearest), goal_polar[0])
     }
 
