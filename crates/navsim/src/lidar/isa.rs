@@ -7,9 +7,10 @@
 #![allow(unsafe_code)]
 
 use super::NoiseName;
+use super::draw::View;
 use super::fan::Fan;
 use super::noise::{self, Noise};
-use super::raster::{self, Scratch, View};
+use super::raster::{self, Scratch};
 use crate::error::{Error, Result};
 use crate::world::Outline;
 
@@ -73,6 +74,15 @@ impl Isa {
     pub fn detect() -> Self {
         Self::Baseline
     }
+}
+
+/// The whole part of `value`, which is cut to 0 to 65,536 (0 for NaN): a conversion that vectorises, unlike `as`.
+#[inline(always)]
+pub(super) fn whole(value: f32) -> i32 {
+    let value = if value > 0.0 { value } else { 0.0 };
+    let value = if value < 65_536.0 { value } else { 65_536.0 };
+    // SAFETY: the value is within 0 to 65,536, and both comparisons are false for NaN.
+    unsafe { value.to_int_unchecked() }
 }
 
 /// Compiles a kernel for every instruction set and calls the body that `isa` names.

@@ -1,6 +1,9 @@
 //! The lidar: from obstacles and pose to ranges, noise and bins.
 
 mod bins;
+mod circles;
+mod draw;
+mod edges;
 mod fan;
 mod faults;
 mod isa;
@@ -16,10 +19,10 @@ use crate::config::{Caster, LidarConfig};
 use crate::error::Result;
 use crate::pose::Pose;
 use crate::rng::StreamName;
-use crate::world::Obstacles;
+use crate::world::{BLOCK, Obstacles};
+use draw::View;
 use fan::Fan;
 use noise::Noise;
-use raster::View;
 
 /// A planar lidar on a robot. Ranges are metres from the lidar's own origin.
 #[derive(Debug, Clone)]
@@ -84,7 +87,7 @@ impl Lidar {
 
     /// Memory for scans of this lidar.
     pub fn buffer(&self) -> ScanBuffer {
-        ScanBuffer { raster: raster::Scratch::default(), ranges: vec![0.0; self.fan.padded()] }
+        ScanBuffer { raster: raster::Scratch::new(&self.fan), ranges: vec![0.0; self.fan.padded()] }
     }
 
     /// Number of beams.
@@ -141,7 +144,7 @@ impl Lidar {
 
     fn cast_by_parry(&self, around: &Surroundings, view: &View, ranges: &mut [f32]) {
         for (i, range) in ranges.iter_mut().enumerate() {
-            let (cos, sin) = (self.fan.cos[i], self.fan.sin[i]);
+            let (cos, sin) = (self.fan.cos[i / BLOCK].0[i % BLOCK], self.fan.sin[i / BLOCK].0[i % BLOCK]);
             let direction = [view.cos * cos - view.sin * sin, view.sin * cos + view.cos * sin];
             *range = around.obstacles.iter().fold(self.noise.range_max, |nearest, obstacles| {
                 obstacles.cast_ray([view.x, view.y], direction, nearest)

@@ -4,10 +4,10 @@
 //! (see `isa`) and gives the same bits on all of them.
 
 use super::NoiseName;
-use super::fan::BLOCK;
 use super::faults;
 use crate::config::LidarConfig;
 use crate::rng::StreamName;
+use crate::world::BLOCK;
 
 /// Words of a random block.
 const WORDS: usize = 4;

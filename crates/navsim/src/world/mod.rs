@@ -15,6 +15,6 @@ pub mod shapes;
 pub use file::{RandomBoxes, WorldFile};
 pub use generator::{Generator, Layout};
 pub use obstacles::Obstacles;
-pub(crate) use outline::{Edge, Outline};
+pub(crate) use outline::{BLOCK, CircleBlock, EdgeBlock, Lanes, Outline};
 pub use scenario::{Scenario, ScenarioList};
 pub use shapes::Shape;

@@ -2,82 +2,116 @@
 
 use super::shapes::{Shape, box_corners};
 
-/// What the edge from one corner slot to the next is; as wide as the coordinates, so that loops over both vectorise.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub(crate) enum Edge {
-    /// No edge: the next slot belongs to another shape.
-    None = 0,
-    /// An edge of a solid shape, seen only from its right side (corners run counter-clockwise).
-    Solid = 1,
-    /// A wall, seen from both sides.
-    Wall = 2,
+/// Edges, circles and beams are handled in blocks of this many: one AVX-512 register, two of AVX2, four of the baseline.
+pub(crate) const BLOCK: usize = 16;
+
+/// One number for each member of a block, where a register of the widest kind loads it at once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(align(64))]
+pub(crate) struct Lanes(pub [f32; BLOCK]);
+
+impl Lanes {
+    /// The same number everywhere.
+    pub const fn all(value: f32) -> Self {
+        Self([value; BLOCK])
+    }
 }
 
-/// Corners and circles of a set of shapes.
-///
-/// Corners of one shape follow each other; a closed shape repeats its first corner at the end, so that the edge of slot
-/// i always runs from slot i to slot i + 1 and neighbours share bit-equal ends: no beam passes between them.
+/// Sixteen edges. Neighbours share bit-equal ends, so that no beam passes between them. An unused place is an edge
+/// without length, which no lidar sees.
+#[derive(Debug, Clone)]
+pub(crate) struct EdgeBlock {
+    /// One end, m.
+    pub from: [Lanes; 2],
+    /// The other end, m.
+    pub to: [Lanes; 2],
+    /// Difference of the ends, rounded once from double precision, m.
+    pub along: [Lanes; 2],
+    /// The edge is seen when from x along, as the lidar has it, is negative or greater than this: infinity for the edge
+    /// of a solid, whose corners run counter-clockwise, zero for a wall.
+    pub back: Lanes,
+}
+
+/// Sixteen circles. An unused place has radius 0.
+#[derive(Debug, Clone)]
+pub(crate) struct CircleBlock {
+    /// Centre, m.
+    pub center: [Lanes; 2],
+    /// Radius, m.
+    pub radius: Lanes,
+}
+
+/// Edges and circles of a set of shapes.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Outline {
-    pub corner_x: Vec<f32>,
-    pub corner_y: Vec<f32>,
-    /// Difference to the next corner, rounded once from double precision.
-    pub edge_x: Vec<f32>,
-    pub edge_y: Vec<f32>,
-    pub edge: Vec<Edge>,
-    pub circle_x: Vec<f32>,
-    pub circle_y: Vec<f32>,
-    pub circle_radius: Vec<f32>,
+    edges: Vec<EdgeBlock>,
+    edge_count: usize,
+    circles: Vec<CircleBlock>,
+    circle_count: usize,
 }
 
 impl Outline {
     /// Removes everything and keeps the memory.
     pub fn clear(&mut self) {
-        for values in [
-            &mut self.corner_x,
-            &mut self.corner_y,
-            &mut self.edge_x,
-            &mut self.edge_y,
-            &mut self.circle_x,
-            &mut self.circle_y,
-            &mut self.circle_radius,
-        ] {
-            values.clear();
-        }
-        self.edge.clear();
+        self.edges.clear();
+        self.circles.clear();
+        (self.edge_count, self.circle_count) = (0, 0);
+    }
+
+    /// All edges; only the last block has unused places.
+    pub fn edges(&self) -> &[EdgeBlock] {
+        &self.edges
+    }
+
+    /// All circles; only the last block has unused places.
+    pub fn circles(&self) -> &[CircleBlock] {
+        &self.circles
     }
 
     /// Adds a shape.
     pub fn push(&mut self, shape: &Shape) {
         match shape {
-            Shape::Circle { center, radius } => {
-                self.circle_x.push(center[0] as f32);
-                self.circle_y.push(center[1] as f32);
-                self.circle_radius.push(*radius as f32);
-            }
+            Shape::Circle { center, radius } => self.push_circle(*center, *radius),
             Shape::Box { center, yaw, length, width } => self.push_closed(&box_corners(*center, *yaw, *length, *width)),
-            Shape::Segment { a, b } => {
-                self.push_corner(*a, *b, Edge::Wall);
-                self.push_corner(*b, *b, Edge::None);
-            }
+            Shape::Segment { a, b } => self.push_edge(*a, *b, 0.0),
             Shape::Polygon { points } => self.push_closed(points),
         }
     }
 
     fn push_closed(&mut self, corners: &[[f64; 2]]) {
         for (i, corner) in corners.iter().enumerate() {
-            self.push_corner(*corner, corners[(i + 1) % corners.len()], Edge::Solid);
+            let next = if i + 1 < corners.len() { i + 1 } else { 0 };
+            self.push_edge(*corner, corners[next], f32::INFINITY);
         }
-        self.push_corner(corners[0], corners[0], Edge::None);
     }
 
-    fn push_corner(&mut self, corner: [f64; 2], next: [f64; 2], edge: Edge) {
-        self.corner_x.push(corner[0] as f32);
-        self.corner_y.push(corner[1] as f32);
-        self.edge_x.push((next[0] - corner[0]) as f32);
-        self.edge_y.push((next[1] - corner[1]) as f32);
-        self.edge.push(edge);
+    fn push_edge(&mut self, from: [f64; 2], to: [f64; 2], back: f32) {
+        const NONE: [Lanes; 2] = [Lanes::all(0.0); 2];
+        let lane = self.edge_count % BLOCK;
+        if lane == 0 {
+            self.edges.push(EdgeBlock { from: NONE, to: NONE, along: NONE, back: Lanes::all(0.0) });
+        }
+        self.edge_count += 1;
+        if let Some(block) = self.edges.last_mut() {
+            for axis in 0..2 {
+                block.from[axis].0[lane] = from[axis] as f32;
+                block.to[axis].0[lane] = to[axis] as f32;
+                block.along[axis].0[lane] = (to[axis] - from[axis]) as f32;
+            }
+            block.back.0[lane] = back;
+        }
+    }
+
+    fn push_circle(&mut self, center: [f64; 2], radius: f64) {
+        let lane = self.circle_count % BLOCK;
+        if lane == 0 {
+            self.circles.push(CircleBlock { center: [Lanes::all(0.0); 2], radius: Lanes::all(0.0) });
+        }
+        self.circle_count += 1;
+        if let Some(block) = self.circles.last_mut() {
+            (block.center[0].0[lane], block.center[1].0[lane]) = (center[0] as f32, center[1] as f32);
+            block.radius.0[lane] = radius as f32;
+        }
     }
 }
 
@@ -86,16 +120,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_closed_shape_repeats_its_first_corner_and_a_wall_has_one_edge() {
+    fn neighbours_share_their_ends_and_a_wall_has_one_edge() {
         let mut outline = Outline::default();
         outline.push(&Shape::Box { center: [1.0, 2.0], yaw: 0.3, length: 2.0, width: 1.0 });
         outline.push(&Shape::Segment { a: [0.0, 0.0], b: [1.0, 0.0] });
         outline.push(&Shape::Circle { center: [0.0, 0.0], radius: 1.0 });
-        use Edge::{None, Solid, Wall};
-        assert_eq!(outline.edge, [Solid, Solid, Solid, Solid, None, Wall, None]);
-        assert_eq!(outline.corner_x[0].to_bits(), outline.corner_x[4].to_bits());
-        assert_eq!(outline.circle_radius, [1.0]);
+        let edges = &outline.edges()[0];
+        assert_eq!(edges.back.0[..6], [f32::INFINITY, f32::INFINITY, f32::INFINITY, f32::INFINITY, 0.0, 0.0]);
+        for axis in 0..2 {
+            let (from, to) = (edges.from[axis].0, edges.to[axis].0);
+            assert_eq!([to[0], to[1], to[2], to[3]], [from[1], from[2], from[3], from[0]]);
+            assert!(edges.along[axis].0[5..].iter().all(|e| *e == 0.0));
+        }
+        assert_eq!((outline.circles()[0].radius.0[0], outline.circles()[0].radius.0[1]), (1.0, 0.0));
         outline.clear();
-        assert!(outline.corner_x.is_empty() && outline.circle_x.is_empty());
+        assert!(outline.edges().is_empty() && outline.circles().is_empty());
     }
 }
