@@ -9,9 +9,10 @@ use crate::world::Scenario;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::{Deserialize, Serialize};
 
-/// Largest number of robots and threads: streams are named by a 32-bit index, and threads by common sense.
-const ROBOTS_MAX: usize = 1 << 20;
-const THREADS_MAX: usize = 256;
+/// Largest number of robots: streams are named by a 32-bit index.
+pub const ROBOTS_MAX: usize = 1 << 20;
+/// Largest number of threads, by common sense.
+pub const THREADS_MAX: usize = 256;
 
 /// A batch of robots, each with a world of its own, stepped together.
 ///
@@ -130,10 +131,13 @@ impl BatchSim {
     /// Wrong length, NaN or infinity: nothing has moved then. A world too full: the simulator is of no more use.
     pub fn step(&mut self, actions: &[f32]) -> Result<()> {
         expect_length("actions", 2 * self.num_envs(), actions.len())?;
-        if let Some(i) = actions.iter().position(|a| !a.is_finite()) {
-            return Err(Error::NotFinite { name: "actions", value: actions[i], robot: i / 2 });
+        // Without a way out of the loop many are looked at together.
+        let all_finite = actions.iter().fold(true, |all, a| all & a.is_finite());
+        let bad = if all_finite { None } else { actions.iter().position(|a| !a.is_finite()) };
+        match bad {
+            None => self.run(Work::Step(actions)),
+            Some(i) => Err(Error::NotFinite { name: "actions", value: actions[i], robot: i / 2 }),
         }
-        self.run(Work::Step(actions))
     }
 
     /// Everything that the future depends on, besides what `new` was given.
@@ -221,6 +225,9 @@ impl<'a> Part<'a> {
         let _mode = DefaultMode::set();
         for i in 0..self.episodes.len() {
             let robot = self.first + i;
+            if let Some(next) = self.episodes.get(i + 1) {
+                next.prefetch();
+            }
             match self.work {
                 Work::Begin => self.begin(i, 0, workspace)?,
                 Work::Reset(mask) => {

@@ -118,6 +118,19 @@ dispatched!(scan => raster::scan, (
 ));
 dispatched!(disturb => noise::disturb, (noise: &Noise, name: &NoiseName, ranges: &mut [f32]));
 
+/// Asks for `values` to be brought near before they are needed; nothing else happens.
+#[inline(always)]
+pub(crate) fn prefetch<T>(values: &[T]) {
+    #[cfg(target_arch = "x86_64")]
+    for offset in (0..size_of_val(values)).step_by(64) {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        // SAFETY: a prefetch changes nothing and cannot fault, wherever it points.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(values.as_ptr().cast::<i8>().wrapping_add(offset)) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = values;
+}
+
 /// Round to nearest, denormal numbers as they are, for as long as this lives: results must not depend on what the calling
 /// thread has chosen (a training loop flushes denormals), nor change it. Where the target is neither x86-64 nor aarch64,
 /// the thread's own mode stays.

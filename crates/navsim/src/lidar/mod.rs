@@ -12,8 +12,8 @@ mod raster;
 
 pub use bins::Bins;
 pub use fan::beam_angle;
-pub(crate) use isa::DefaultMode;
 pub use isa::Isa;
+pub(crate) use isa::{DefaultMode, prefetch};
 
 use crate::config::{Caster, LidarConfig};
 use crate::error::Result;
@@ -30,6 +30,8 @@ pub struct Lidar {
     fan: Fan,
     bins: Bins,
     mount: Pose,
+    /// Distance of the lidar from the robot's centre, m.
+    offset: f32,
     noise: Noise,
     caster: Caster,
     isa: Isa,
@@ -79,6 +81,7 @@ impl Lidar {
             fan: Fan::new(config),
             bins: Bins::new(config.beams, config.bins),
             mount: Pose { x, y, yaw },
+            offset: libm::hypot(x, y) as f32,
             noise: Noise::new(config),
             caster: config.caster,
             isa,
@@ -117,9 +120,8 @@ impl Lidar {
         let (sin, cos) = libm::sincos(world_from_lidar.yaw);
         let view =
             View { x: world_from_lidar.x as f32, y: world_from_lidar.y as f32, cos: cos as f32, sin: sin as f32 };
-        let offset = libm::hypot(self.mount.x, self.mount.y) as f32;
         let origin = [world_from_lidar.x, world_from_lidar.y];
-        let inside = around.center_distance <= offset && around.obstacles.iter().any(|o| o.contains(origin));
+        let inside = around.center_distance <= self.offset && around.obstacles.iter().any(|o| o.contains(origin));
         if inside {
             buffer.ranges.fill(0.0);
         } else if self.caster == Caster::Parry {

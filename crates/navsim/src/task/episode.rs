@@ -272,6 +272,11 @@ impl Task {
 }
 
 impl Episode {
+    /// Asks for what a step reads to be brought near: robots follow each other, their shapes lie all over the memory.
+    pub fn prefetch(&self) {
+        self.obstacles.prefetch();
+    }
+
     /// Prepares the moved shapes for queries, after a draw or when a stored episode was read back.
     pub fn prepare_moved(&mut self) {
         self.obstacles.clear();

@@ -1,6 +1,7 @@
 //! The outline of a set of shapes in arrays of single precision, as the scan kernels read it.
 
 use super::shapes::{Shape, box_corners};
+use crate::lidar::prefetch;
 
 /// Edges, circles and beams are handled in blocks of this many: one AVX-512 register, two of AVX2, four of the baseline.
 pub(crate) const BLOCK: usize = 16;
@@ -56,6 +57,12 @@ impl Outline {
         self.edges.clear();
         self.circles.clear();
         (self.edge_count, self.circle_count) = (0, 0);
+    }
+
+    /// Asks for all of it to be brought near.
+    pub fn prefetch(&self) {
+        prefetch(&self.edges);
+        prefetch(&self.circles);
     }
 
     /// All edges; only the last block has unused places.
