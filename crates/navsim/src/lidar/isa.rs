@@ -7,6 +7,7 @@
 #![allow(unsafe_code)]
 
 use super::NoiseName;
+use super::bins::Bins;
 use super::draw::View;
 use super::fan::Fan;
 use super::noise::{self, Noise};
@@ -116,6 +117,7 @@ macro_rules! dispatched {
 dispatched!(scan => raster::scan, (
     outlines: [&Outline; 2], view: View, fan: &Fan, range_max: f32, scratch: &mut Scratch, ranges: &mut [f32]
 ));
+dispatched!(pool => Bins::pool, (bins: &Bins, ranges: &mut [f32], pooled: &mut [f32]));
 dispatched!(disturb => noise::disturb, (noise: &Noise, name: &NoiseName, ranges: &mut [f32]));
 
 /// Asks for `values` to be brought near before they are needed; nothing else happens.

@@ -114,6 +114,12 @@ impl Lidar {
         &buffer.ranges[..self.fan.beams]
     }
 
+    /// Writes the smallest range (m) of each bin of the last scan to `pooled`; a bin that lost all its beams gets
+    /// infinity. The scan in the buffer is gone afterwards.
+    pub fn pool(&self, buffer: &mut ScanBuffer, pooled: &mut [f32]) {
+        isa::pool(self.isa, &self.bins, &mut buffer.ranges, pooled);
+    }
+
     /// Exact ranges without noise or lower bound.
     fn cast(&self, around: &Surroundings, buffer: &mut ScanBuffer) {
         let world_from_lidar = self.world_from_lidar(&around.world_from_robot);
