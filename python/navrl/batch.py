@@ -47,7 +47,7 @@ class BatchSim(_navsim.BatchSim):
         config: World, robot, lidar, task and reward.
         num_envs: Number of robots.
         seed: Names the random streams; different seeds share none.
-        num_threads: Threads of this simulator's own pool.
+        num_threads: Threads of this simulator, of which the calling one is the first.
         autoreset: True: a step that ends an episode begins the next one in the same call, so that ``observations`` is
             its first. False: a finished robot stays as it is, with reward 0, until ``reset``.
         scenarios: Robot k runs scenario k (modulo their number) instead of drawing one at each reset.

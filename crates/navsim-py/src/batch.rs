@@ -1,7 +1,8 @@
 //! `BatchSim` for Python.
 
-use crate::arguments::{copy_array, refusal};
+use crate::arguments::{copy_array, refusal, whole};
 use crate::scenario::Scenario;
+use navsim::batch::{ROBOTS_MAX, THREADS_MAX};
 use navsim::{Results, SimConfig};
 use numpy::ndarray::{ArrayView, IntoDimension};
 use numpy::{Element, Ix1, Ix2, PyArray, PyArrayMethods};
@@ -43,12 +44,15 @@ impl BatchSim {
     fn new(
         py: Python<'_>,
         config: &str,
-        num_envs: usize,
-        seed: u64,
-        num_threads: usize,
+        num_envs: &Bound<'_, PyAny>,
+        seed: &Bound<'_, PyAny>,
+        num_threads: &Bound<'_, PyAny>,
         autoreset: bool,
         scenarios: Option<Vec<PyRef<'_, Scenario>>>,
     ) -> PyResult<Self> {
+        let num_envs = whole("num_envs", num_envs, 1..=ROBOTS_MAX as u64)? as usize;
+        let seed = whole("seed", seed, 0..=u64::MAX)?;
+        let num_threads = whole("num_threads", num_threads, 1..=THREADS_MAX as u64)? as usize;
         let config = SimConfig::from_json(config).map_err(refusal)?;
         let scenarios = scenarios.map(|list| list.iter().map(|s| s.core.clone()).collect());
         let core = py.detach(|| navsim::BatchSim::new(config, num_envs, seed, num_threads, autoreset, scenarios));
@@ -79,12 +83,11 @@ impl BatchSim {
         py.detach(|| self.core.restore(state)).map_err(refusal)
     }
 
-    fn scenario(&self, robot: usize) -> PyResult<Scenario> {
-        let count = self.core.num_envs();
-        let scenario = self.core.scenario(robot);
-        scenario
-            .map(|core| Scenario { core })
-            .ok_or_else(|| PyIndexError::new_err(format!("robot: expected 0 to {}, got {robot}", count - 1)))
+    fn scenario(&self, robot: i64) -> PyResult<Scenario> {
+        let scenario = usize::try_from(robot).ok().and_then(|robot| self.core.scenario(robot));
+        let last = self.core.num_envs() - 1;
+        let refused = || PyIndexError::new_err(format!("robot: expected 0 to {last}, got {robot}"));
+        scenario.map(|core| Scenario { core }).ok_or_else(refused)
     }
 
     #[getter]

@@ -85,6 +85,12 @@ pub struct LidarConfig {
     pub range_max: f64,
     /// Standard deviation of the Gaussian noise on hits, metres, >= 0.
     pub noise: f64,
+    /// Standard deviation of a second, independent Gaussian noise that grows with the range, metres per metre, >= 0.
+    pub noise_per_meter: f64,
+    /// Hits are rounded to multiples of this, metres; 0 means none.
+    pub resolution: f64,
+    /// Probability with which a beam, whatever it meets, is lost: its range is NaN and its bin keeps the others.
+    pub drop_probability: f64,
     /// Pose [x, y, yaw] of the lidar in the robot's frame (m, m, rad).
     pub mount: [f64; 3],
     /// Groups into which the beams are pooled by minimum, 1 to `beams`.
@@ -246,6 +252,13 @@ impl LidarConfig {
         let below_max = self.range_min >= 0.0 && self.range_min < self.range_max;
         check("lidar.range_min", self.range_min, below_max, "in [0, lidar.range_max) m")?;
         check("lidar.noise", self.noise, self.noise >= 0.0 && self.noise <= 10.0, "in [0, 10] m")?;
+        for (key, value) in [
+            ("lidar.noise_per_meter", self.noise_per_meter),
+            ("lidar.resolution", self.resolution),
+            ("lidar.drop_probability", self.drop_probability),
+        ] {
+            check(key, value, (0.0..=1.0).contains(&value), "in [0, 1]")?;
+        }
         for value in self.mount {
             check("lidar.mount", value, value.abs() <= 10.0, "numbers in [-10, 10]")?;
         }

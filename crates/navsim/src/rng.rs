@@ -13,6 +13,8 @@ pub enum Purpose {
     World = 0,
     /// Noise of the lidar.
     Noise = 1,
+    /// Beams that the lidar loses.
+    LostBeams = 2,
 }
 
 /// Which part of the experiment a stream belongs to; the four lists never share a world with training or each other.
@@ -77,6 +79,12 @@ impl StreamName {
         let high = (episode >> 32) as u32 & 0xFFFF;
         let tag = (purpose as u32) << 24 | (split as u32) << 16 | high;
         Self { key: [seed as u32, (seed >> 32) as u32], words: [episode as u32, index, tag] }
+    }
+
+    /// The stream of the same name for another purpose.
+    pub fn with_purpose(&self, purpose: Purpose) -> Self {
+        let [episode, index, tag] = self.words;
+        Self { words: [episode, index, tag & 0x00FF_FFFF | (purpose as u32) << 24], ..*self }
     }
 
     /// The four words at `position` in this stream.
@@ -152,6 +160,10 @@ mod tests {
         ] {
             assert_ne!(first, other.block(0));
         }
+        let noise = StreamName::new(1, Purpose::Noise, Split::Test, 3, 5 + (7 << 32));
+        let lost = StreamName::new(1, Purpose::LostBeams, Split::Test, 3, 5 + (7 << 32));
+        assert_eq!(noise.with_purpose(Purpose::LostBeams), lost);
+        assert_ne!(noise, lost);
     }
 
     #[test]

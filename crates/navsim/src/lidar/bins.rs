@@ -6,6 +6,8 @@
 pub struct Bins {
     /// Beams `starts[k] .. starts[k + 1]` belong to bin k.
     starts: Vec<usize>,
+    /// The largest power of two that no bin is narrower than: two windows of so many beams cover a bin.
+    window: usize,
 }
 
 impl Bins {
@@ -14,7 +16,7 @@ impl Bins {
         // Beam i stands at the fraction (2i + 1) / (2 beams) of the field of view: the first beam of bin k is the
         // smallest i with (2i + 1) bins >= 2 k beams.
         let first = |k: usize| (2 * k * beams).div_ceil(bins) / 2;
-        Self { starts: (0..=bins).map(first).collect() }
+        Self { starts: (0..=bins).map(first).collect(), window: 1 << (beams / bins).ilog2() }
     }
 
     /// Number of bins.
@@ -27,11 +29,24 @@ impl Bins {
         self.len() == 0
     }
 
-    /// Writes the smallest range (m) of each bin to `pooled`, which has one place per bin.
-    pub fn pool(&self, ranges: &[f32], pooled: &mut [f32]) {
-        for (window, nearest) in self.starts.windows(2).zip(pooled) {
-            let smaller = |a: f32, b: &f32| if *b < a { *b } else { a };
-            *nearest = ranges[window[0]..window[1]].iter().fold(f32::INFINITY, smaller);
+    /// Writes the smallest range (m) of each bin to `pooled`, which has one place per bin. Lost beams (NaN) count for
+    /// nothing: a bin without any other gets infinity. `ranges` serves as working memory.
+    #[inline(always)]
+    pub(super) fn pool(&self, ranges: &mut [f32], pooled: &mut [f32]) {
+        let smaller = |a: f32, b: f32| if b < a { b } else { a };
+        for range in ranges.iter_mut() {
+            *range = smaller(f32::INFINITY, *range);
+        }
+        // Place i comes to hold the smallest of twice as many beams from i on, until they are `window`.
+        let mut covered = 1;
+        while covered < self.window {
+            for i in 0..ranges.len() - covered {
+                ranges[i] = smaller(ranges[i], ranges[i + covered]);
+            }
+            covered *= 2;
+        }
+        for (bin, nearest) in self.starts.windows(2).zip(pooled) {
+            *nearest = smaller(ranges[bin[0]], ranges[bin[1] - covered]);
         }
     }
 }
@@ -39,6 +54,7 @@ impl Bins {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rng::{Purpose, Split, StreamName};
 
     #[test]
     fn nine_beams_to_a_bin_for_180_beams_and_20_bins() {
@@ -66,8 +82,20 @@ mod tests {
     #[test]
     fn a_bin_holds_its_nearest_beam() {
         let mut pooled = [0.0; 2];
-        Bins::new(5, 2).pool(&[3.0, 2.0, 9.0, 1.0, 4.0], &mut pooled);
+        Bins::new(5, 2).pool(&mut [3.0, 2.0, 9.0, 1.0, 4.0], &mut pooled);
         // Beam 2 looks exactly along the border between the bins: it belongs to the left one.
         assert_eq!(pooled, [2.0, 1.0]);
+        Bins::new(5, 2).pool(&mut [f32::NAN, 2.0, f32::NAN, f32::NAN, f32::NAN], &mut pooled);
+        assert_eq!(pooled, [2.0, f32::INFINITY]);
+        for (beams, count) in [(1, 1), (180, 20), (180, 180), (271, 19), (1080, 40), (97, 1), (64, 9), (4096, 31)] {
+            let mut random = crate::rng::Stream::new(StreamName::new(1, Purpose::Noise, Split::Given, beams as u32, 0));
+            let ranges: Vec<f32> = (0..beams).map(|_| random.uniform(0.0, 10.0) as f32).collect();
+            let (bins, mut pooled) = (Bins::new(beams, count), vec![0.0; count]);
+            bins.pool(&mut ranges.clone(), &mut pooled);
+            for (k, nearest) in pooled.iter().enumerate() {
+                let own = &ranges[bins.starts[k]..bins.starts[k + 1]];
+                assert_eq!(*nearest, own.iter().copied().fold(f32::INFINITY, f32::min), "bin {k} of {count}");
+            }
+        }
     }
 }

@@ -149,7 +149,8 @@ impl Ready {
     /// a block of beams is narrow, and on the line of an edge that is seen edge-on they pass the test of its ends.
     #[inline(always)]
     fn restore_behind(&self, lane: usize, cos: &Lanes, sin: &Lanes, before: &Lanes, depth: &mut Lanes) {
-        let (right, left) = ([self.right[0].0[lane], self.right[1].0[lane]], [self.left[0].0[lane], self.left[1].0[lane]]);
+        let (right, left) =
+            ([self.right[0].0[lane], self.right[1].0[lane]], [self.left[0].0[lane], self.left[1].0[lane]]);
         if right[0] * left[0] + right[1] * left[1] > 0.0 {
             let middle = [right[0] + left[0], right[1] + left[1]];
             for i in 0..BLOCK {

@@ -1,4 +1,4 @@
-//! The directions of the beams, and which of them an interval of angles covers.
+//! The directions and reach of the beams, and which of them an interval of angles covers.
 
 use super::isa::whole;
 use crate::config::LidarConfig;
@@ -12,7 +12,7 @@ pub(crate) const GUARD: f32 = 5e-4;
 /// Beams to blocks.
 const SHIFT: u32 = BLOCK.trailing_zeros();
 
-/// Directions of all beams in the lidar's frame, in blocks; the last block is filled up with the last beam.
+/// All beams in the lidar's frame, in blocks; the last block is filled up with the last beam.
 #[derive(Debug, Clone)]
 pub(crate) struct Fan {
     /// Number of beams.
@@ -21,6 +21,8 @@ pub(crate) struct Fan {
     pub cos: Vec<Lanes>,
     /// Sine of each beam's angle.
     pub sin: Vec<Lanes>,
+    /// How far a beam reaches, m.
+    pub range_max: f32,
     /// Angle of beam 0, rad.
     first_angle: f32,
     /// Beams per radian.
@@ -55,6 +57,7 @@ impl Fan {
             beams: lidar.beams,
             cos: lanes(|(_, cos)| cos),
             sin: lanes(|(sin, _)| sin),
+            range_max: lidar.range_max as f32,
             first_angle: beam_angle(lidar, 0) as f32,
             density: (1.0 / step) as f32,
             turn: (2.0 * std::f64::consts::PI / step) as f32,

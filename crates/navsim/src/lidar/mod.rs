@@ -5,6 +5,7 @@ mod circles;
 mod draw;
 mod edges;
 mod fan;
+mod faults;
 mod isa;
 mod noise;
 mod raster;
@@ -13,6 +14,7 @@ mod walk;
 pub use bins::Bins;
 pub use fan::beam_angle;
 pub use isa::Isa;
+pub(crate) use isa::{DefaultMode, prefetch};
 
 use crate::config::{Caster, LidarConfig};
 use crate::error::Result;
@@ -29,12 +31,11 @@ pub struct Lidar {
     fan: Fan,
     bins: Bins,
     mount: Pose,
-    range_min: f32,
-    range_max: f32,
-    sigma: f32,
+    /// Distance of the lidar from the robot's centre, m.
+    offset: f32,
+    noise: Noise,
     caster: Caster,
     isa: Isa,
-    noise_blocks: u32,
 }
 
 /// Working memory of a scan; one for each thread.
@@ -81,12 +82,10 @@ impl Lidar {
             fan: Fan::new(config),
             bins: Bins::new(config.beams, config.bins),
             mount: Pose { x, y, yaw },
-            range_min: config.range_min as f32,
-            range_max: config.range_max as f32,
-            sigma: config.noise as f32,
+            offset: libm::hypot(x, y) as f32,
+            noise: Noise::new(config),
             caster: config.caster,
             isa,
-            noise_blocks: noise::blocks_per_scan(config.beams),
         }
     }
 
@@ -105,23 +104,21 @@ impl Lidar {
         &self.bins
     }
 
-    /// Computes one scan: exact ranges, then noise on hits, clipped to [range_min, range_max]. A beam that meets
-    /// nothing reports exactly range_max; a lidar inside a solid sees 0 everywhere, before noise and clipping.
+    /// Computes one scan: exact ranges, then noise on hits, rounded and clipped to [range_min, range_max]. A beam that
+    /// meets nothing reports exactly range_max; a lidar inside a solid sees 0 everywhere, before noise and clipping; a
+    /// lost beam is NaN.
     ///
     /// The result (m, one per beam) stays in the buffer and is returned.
-    pub fn scan<'b>(&self, around: &Surroundings, noise: &NoiseName, buffer: &'b mut ScanBuffer) -> &'b [f32] {
+    pub fn scan<'b>(&self, around: &Surroundings, name: &NoiseName, buffer: &'b mut ScanBuffer) -> &'b [f32] {
         self.cast(around, buffer);
-        let ranges = &mut buffer.ranges[..];
-        if self.sigma > 0.0 {
-            let Self { sigma, range_min, range_max, .. } = *self;
-            let first_block = noise.scan.wrapping_mul(self.noise_blocks);
-            isa::add_noise(self.isa, &Noise { stream: noise.stream, sigma, range_min, range_max }, first_block, ranges);
-        } else if self.range_min > 0.0 {
-            for range in ranges.iter_mut() {
-                *range = if *range < self.range_min { self.range_min } else { *range };
-            }
-        }
+        isa::disturb(self.isa, &self.noise, name, &mut buffer.ranges);
         &buffer.ranges[..self.fan.beams]
+    }
+
+    /// Writes the smallest range (m) of each bin of the last scan to `pooled`; a bin that lost all its beams gets
+    /// infinity. The scan in the buffer is gone afterwards.
+    pub fn pool(&self, buffer: &mut ScanBuffer, pooled: &mut [f32]) {
+        isa::pool(self.isa, &self.bins, &mut buffer.ranges, pooled);
     }
 
     /// Exact ranges without noise or lower bound.
@@ -130,9 +127,8 @@ impl Lidar {
         let (sin, cos) = libm::sincos(world_from_lidar.yaw);
         let view =
             View { x: world_from_lidar.x as f32, y: world_from_lidar.y as f32, cos: cos as f32, sin: sin as f32 };
-        let offset = libm::hypot(self.mount.x, self.mount.y) as f32;
         let origin = [world_from_lidar.x, world_from_lidar.y];
-        let inside = around.center_distance <= offset && around.obstacles.iter().any(|o| o.contains(origin));
+        let inside = around.center_distance <= self.offset && around.obstacles.iter().any(|o| o.contains(origin));
         if inside {
             buffer.ranges.fill(0.0);
         } else if self.caster == Caster::Parry {
@@ -140,7 +136,7 @@ impl Lidar {
         } else {
             let outlines = around.obstacles.map(Obstacles::outline);
             let shortcuts = self.caster == Caster::Auto;
-            isa::scan(self.isa, outlines, shortcuts, view, &self.fan, self.range_max, &mut buffer.raster, &mut buffer.ranges);
+            isa::scan(self.isa, outlines, shortcuts, view, &self.fan, &mut buffer.raster, &mut buffer.ranges);
         }
     }
 
@@ -152,10 +148,9 @@ impl Lidar {
         for (i, range) in ranges.iter_mut().enumerate() {
             let (cos, sin) = (self.fan.cos[i / BLOCK].0[i % BLOCK], self.fan.sin[i / BLOCK].0[i % BLOCK]);
             let direction = [view.cos * cos - view.sin * sin, view.sin * cos + view.cos * sin];
-            *range = around
-                .obstacles
-                .iter()
-                .fold(self.range_max, |nearest, obstacles| obstacles.cast_ray([view.x, view.y], direction, nearest));
+            *range = around.obstacles.iter().fold(self.noise.range_max, |nearest, obstacles| {
+                obstacles.cast_ray([view.x, view.y], direction, nearest)
+            });
         }
     }
 }

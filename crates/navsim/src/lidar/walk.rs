@@ -45,10 +45,10 @@ impl Walk {
         Self { waiting: Vec::new(), horizon: vec![0.0; blocks] }
     }
 
-    /// Starts at the root of `tree`; nothing is seen beyond `range_max` (m).
+    /// Starts at the root of `tree`; nothing is seen beyond the reach of the beams.
     #[inline(always)]
-    pub fn start(&mut self, tree: &Tree, view: View, fan: &Fan, range_max: f32) {
-        self.horizon.fill(range_max);
+    pub fn start(&mut self, tree: &Tree, view: View, fan: &Fan) {
+        self.horizon.fill(fan.range_max);
         self.waiting.clear();
         self.open(tree, tree.height(), 0, view, fan);
     }
@@ -78,7 +78,8 @@ impl Walk {
         let mut nearest = Lanes::all(0.0);
         let mut runs = LaneRuns::default();
         for i in 0..BLOCK {
-            let (x0, y0, x1, y1) = (low_x.0[i] - view.x, low_y.0[i] - view.y, high_x.0[i] - view.x, high_y.0[i] - view.y);
+            let (x0, y0, x1, y1) =
+                (low_x.0[i] - view.x, low_y.0[i] - view.y, high_x.0[i] - view.x, high_y.0[i] - view.y);
             let (gap_x, gap_y) = (outside(x0, x1), outside(y0, y1));
             nearest.0[i] = (gap_x * gap_x + gap_y * gap_y).sqrt() * NEARER;
             let (x, y) = view.turn(0.5 * (x0 + x1), 0.5 * (y0 + y1));
@@ -102,10 +103,11 @@ impl Walk {
     #[inline(always)]
     fn is_hidden(&mut self, next: &Waiting, depth: &[Lanes], kind: Depth) -> bool {
         for (start, count) in next.runs.start.iter().zip(&next.runs.count) {
-            for block in *start as usize..(*start + *count) as usize {
-                if next.nearest < self.horizon[block] {
-                    self.horizon[block] = farthest(&depth[block], kind);
-                    if next.nearest < self.horizon[block] {
+            let blocks = *start as usize..(*start + *count) as usize;
+            for (horizon, depth) in self.horizon[blocks.clone()].iter_mut().zip(&depth[blocks]) {
+                if next.nearest < *horizon {
+                    *horizon = farthest(depth, kind);
+                    if next.nearest < *horizon {
                         return false;
                     }
                 }

@@ -120,7 +120,11 @@ impl Task {
 
     /// Memory for one thread.
     pub fn workspace(&self) -> Workspace {
-        Workspace { scan: self.lidar.buffer(), layout: Layout::default() }
+        let layout = match &self.source {
+            Source::Generator(generator) => generator.layout(),
+            Source::Scenarios(_) => Layout::default(),
+        };
+        Workspace { scan: self.lidar.buffer(), layout }
     }
 
     /// Share of the world's free area that is cut off from the rest, in [0, 1]; 0 for given scenarios.
@@ -245,10 +249,14 @@ impl Task {
         let ranges = self.lidar.scan(&around, &noise, &mut workspace.scan);
         row.ranges.copy_from_slice(ranges);
         let (bins, extra) = row.observation.split_at_mut(self.lidar.bins().len());
-        self.lidar.bins().pool(ranges, bins);
+        self.lidar.pool(&mut workspace.scan, bins);
         let goal_polar = goal_in_robot(&episode.pose, episode.goal);
         write_extra(goal_polar, episode.velocity, &self.config.robot, extra);
         let nearest = bins.iter().fold(f32::INFINITY, |a, b| a.min(*b));
+        // A bin that lost all its beams is not clear; it is no obstacle either, to reward or end an episode by.
+        for bin in bins.iter_mut().filter(|bin| **bin == f32::INFINITY) {
+            *bin = 0.0;
+        }
         (f64::from(nearest), goal_polar[0])
     }
 
@@ -272,6 +280,11 @@ impl Task {
 }
 
 impl Episode {
+    /// Asks for what a step reads to be brought near: robots follow each other, their shapes lie all over the memory.
+    pub fn prefetch(&self) {
+        self.obstacles.prefetch();
+    }
+
     /// Prepares the moved shapes for queries, after a draw or when a stored episode was read back.
     pub fn prepare_moved(&mut self) {
         self.obstacles.clear();

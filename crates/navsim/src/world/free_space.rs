@@ -88,6 +88,12 @@ impl FreeSpace {
         })
     }
 
+    /// Memory that is large enough for any search here.
+    pub fn search(&self) -> Search {
+        let words = || vec![0; self.coarse.free.len().max(self.fine.free.len())];
+        Search { free: words(), reached: words() }
+    }
+
     /// Squared distance (m^2) within which a disc rolls from a point of sufficient clearance to the centre of a free
     /// cell of either grid: both have at least the clearance rho of the fine grid, so sqrt(2) h of the fine grid.
     fn squared_reach(&self) -> f64 {

@@ -127,6 +127,11 @@ impl Generator {
         &self.room.shapes
     }
 
+    /// Memory for draws in this world.
+    pub fn layout(&self) -> Layout {
+        Layout { search: self.free_space.search(), ..Layout::default() }
+    }
+
     /// Draws the robot's episode number `episode` from `stream`, which decides everything. Allocates nothing once
     /// `layout` has been used.
     ///

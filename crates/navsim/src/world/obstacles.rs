@@ -2,6 +2,7 @@
 
 use super::outline::Outline;
 use super::shapes::Shape;
+use crate::lidar::prefetch;
 use crate::robot::Footprint;
 use parry2d::bounding_volume::{Aabb, BoundingVolume};
 use parry2d::math::{Pose, Rotation, Vector};
@@ -89,6 +90,12 @@ impl Obstacles {
     /// Whether there is no shape.
     pub fn is_empty(&self) -> bool {
         self.placed.is_empty()
+    }
+
+    /// Asks for all of it to be brought near: the shapes of the next robot, while this one is stepped.
+    pub(crate) fn prefetch(&self) {
+        prefetch(&self.placed);
+        self.outline.prefetch();
     }
 
     /// Corners and circles in arrays, for the scan kernels.

@@ -2,6 +2,7 @@
 
 use super::blocks::Blocks;
 use super::shapes::{Shape, box_corners};
+use crate::lidar::prefetch;
 
 /// From this many blocks on, a tree beats one block after the other.
 const TREE_FROM: usize = 8;
@@ -24,6 +25,12 @@ impl Outline {
     pub fn clear(&mut self) {
         self.edges.clear();
         self.circles.clear();
+    }
+
+    /// Asks for all of it to be brought near.
+    pub fn prefetch(&self) {
+        prefetch(self.edges.blocks());
+        prefetch(self.circles.blocks());
     }
 
     /// Adds a shape.

@@ -10,7 +10,19 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 /// A lidar without noise at the robot's centre.
 pub fn config(beams: usize, fov: f64, range_max: f64) -> LidarConfig {
-    LidarConfig { beams, fov, range_min: 0.0, range_max, noise: 0.0, mount: [0.0; 3], bins: 1, caster: Caster::Auto }
+    LidarConfig {
+        beams,
+        fov,
+        range_min: 0.0,
+        range_max,
+        noise: 0.0,
+        noise_per_meter: 0.0,
+        resolution: 0.0,
+        drop_probability: 0.0,
+        mount: [0.0; 3],
+        bins: 1,
+        caster: Caster::Auto,
+    }
 }
 
 /// Any stream: the tests add no noise, or compare scans with the same.
