@@ -36,6 +36,12 @@ impl LaneRuns {
             self.count[k][lane] = if wanted { runs.count[k] } else { 0 };
         }
     }
+
+    /// The runs of a lane.
+    #[inline(always)]
+    pub fn of(&self, lane: usize) -> Runs {
+        Runs { start: [self.start[0][lane], self.start[1][lane]], count: [self.count[0][lane], self.count[1][lane]] }
+    }
 }
 
 /// A list of pairs (lane, block of beams). One loop over the list has no branch that depends on how many blocks each

@@ -5,13 +5,13 @@
 
 use super::draw::{Draws, LaneRuns, View, lane_and_block, larger};
 use super::fan::Fan;
-use crate::world::{BLOCK, EdgeBlock, Lanes};
+use crate::world::{BLOCK, Lanes};
 
 /// Edges that face the lidar and are not drawn yet, in its frame.
 #[derive(Debug, Clone)]
 pub(super) struct Facing {
-    /// From, to and along, each x and y, m.
-    values: [[f32; 2 * BLOCK]; 6],
+    /// Up to two blocks.
+    values: [Turned; 2],
     len: usize,
 }
 
@@ -29,30 +29,37 @@ struct Ready {
 
 impl Default for Facing {
     fn default() -> Self {
-        Self { values: [[0.0; 2 * BLOCK]; 6], len: 0 }
+        Self { values: [[Lanes::all(0.0); 6]; 2], len: 0 }
     }
 }
 
+/// Edges in the lidar's frame: from x, y, to x, y and along x, y, m.
+type Turned = [Lanes; 6];
+
 impl Facing {
-    /// Draws what of `block` the lidar may see, now or with the next edges; `finish` draws what is left.
+    /// Draws what of a block of `Outline::edges` the lidar may see, now or with the next edges; `finish` draws what is left.
     #[inline(always)]
-    pub fn add(&mut self, block: &EdgeBlock, view: View, fan: &Fan, draws: &mut Draws, depth: &mut [Lanes]) {
-        let (values, mut seen) = turn(block, view, fan);
+    pub fn add(&mut self, edges: &[Lanes; 7], view: View, fan: &Fan, draws: &mut Draws, depth: &mut [Lanes]) {
+        let (turned, seen) = turn(edges, view, fan);
+        self.wait(&turned, seen);
+        if self.len >= BLOCK {
+            self.draw(BLOCK, fan, draws, depth);
+            self.values[0] = self.values[1];
+            self.len -= BLOCK;
+        }
+    }
+
+    /// Takes the edges whose bits are set in; fewer than sixteen are waiting.
+    #[inline(always)]
+    fn wait(&mut self, turned: &Turned, mut seen: u32) {
         while seen != 0 {
-            let lane = seen.trailing_zeros() as usize;
-            for (waiting, turned) in self.values.iter_mut().zip(&values) {
-                waiting[self.len % (2 * BLOCK)] = turned.0[lane % BLOCK];
+            let lane = seen.trailing_zeros() as usize % BLOCK;
+            let block = &mut self.values[self.len / BLOCK % 2];
+            for (waiting, turned) in block.iter_mut().zip(turned) {
+                waiting.0[self.len % BLOCK] = turned.0[lane];
             }
             self.len += 1;
             seen &= seen - 1;
-        }
-        if self.len >= BLOCK {
-            self.draw(BLOCK, fan, draws, depth);
-            for row in &mut self.values {
-                let (first, second) = row.split_at_mut(BLOCK);
-                first.copy_from_slice(second);
-            }
-            self.len -= BLOCK;
         }
     }
 
@@ -65,10 +72,15 @@ impl Facing {
 
     #[inline(always)]
     fn draw(&self, count: usize, fan: &Fan, draws: &mut Draws, depth: &mut [Lanes]) {
-        let (ready, runs) = set_up(&self.values, fan);
+        let ready = Ready::new(&self.values[0]);
+        let runs = ready.runs(fan);
         for pair in draws.list(&runs, count) {
             let (lane, block) = lane_and_block(*pair);
-            draw_edge(&ready, lane, &fan.cos[block], &fan.sin[block], &mut depth[block]);
+            let (cos, sin, before) = (&fan.cos[block], &fan.sin[block], depth[block]);
+            draw_edge(&ready, lane, cos, sin, &mut depth[block]);
+            if fan.is_wide() {
+                ready.restore_behind(lane, cos, sin, &before, &mut depth[block]);
+            }
         }
     }
 }
@@ -78,16 +90,17 @@ const BIT: [u32; BLOCK] = [1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 40
 
 /// The edges of a block in the lidar's frame, and a bit for each that faces it and is not behind it.
 #[inline(always)]
-fn turn(block: &EdgeBlock, view: View, fan: &Fan) -> ([Lanes; 6], u32) {
+fn turn(edges: &[Lanes; 7], view: View, fan: &Fan) -> (Turned, u32) {
+    let [from_x, from_y, to_x, to_y, along_x, along_y, back] = edges;
     let mut turned = [Lanes::all(0.0); 6];
     let mut seen = [0_u32; BLOCK];
     for i in 0..BLOCK {
-        let (ax, ay) = view.turn(block.from[0].0[i] - view.x, block.from[1].0[i] - view.y);
-        let (bx, by) = view.turn(block.to[0].0[i] - view.x, block.to[1].0[i] - view.y);
-        let (ex, ey) = view.turn(block.along[0].0[i], block.along[1].0[i]);
+        let (ax, ay) = view.turn(from_x.0[i] - view.x, from_y.0[i] - view.y);
+        let (bx, by) = view.turn(to_x.0[i] - view.x, to_y.0[i] - view.y);
+        let (ex, ey) = view.turn(along_x.0[i], along_y.0[i]);
         let cross = ax * ey - ay * ex;
         let behind = fan.is_behind(ax, ay) & fan.is_behind(bx, by);
-        let faces = (cross < 0.0) | (cross > block.back.0[i]);
+        let faces = (cross < 0.0) | (cross > back.0[i]);
         seen[i] = if faces & !behind { BIT[i] } else { 0 };
         for (row, value) in turned.iter_mut().zip([ax, ay, bx, by, ex, ey]) {
             row.0[i] = value;
@@ -96,31 +109,106 @@ fn turn(block: &EdgeBlock, view: View, fan: &Fan) -> ([Lanes; 6], u32) {
     (turned, seen.iter().fold(0, |bits, bit| bits | bit))
 }
 
-/// Sets up the first sixteen edges of `values`.
-#[inline(always)]
-fn set_up(values: &[[f32; 2 * BLOCK]; 6], fan: &Fan) -> (Ready, LaneRuns) {
-    const NONE: [Lanes; 2] = [Lanes::all(0.0); 2];
-    let mut ready = Ready { right: NONE, left: NONE, slope: NONE, limits: NONE };
-    let mut runs = LaneRuns::default();
-    for i in 0..BLOCK {
-        let [ax, ay, bx, by, ex, ey] =
-            [values[0][i], values[1][i], values[2][i], values[3][i], values[4][i], values[5][i]];
-        let cross = ax * ey - ay * ex;
-        let front = cross < 0.0;
-        let (right, left) = if front { ([bx, by], [ax, ay]) } else { ([ax, ay], [bx, by]) };
-        let inverse = 1.0 / cross;
-        let limits = inverse_limits([ax, ay], [bx, by], [ex, ey]);
-        for axis in 0..2 {
-            ready.right[axis].0[i] = right[axis];
-            ready.left[axis].0[i] = left[axis];
-            ready.limits[axis].0[i] = limits[axis];
+impl Ready {
+    #[inline(always)]
+    fn new(turned: &Turned) -> Self {
+        const NONE: [Lanes; 2] = [Lanes::all(0.0); 2];
+        let mut ready = Self { right: NONE, left: NONE, slope: NONE, limits: NONE };
+        let [from_x, from_y, to_x, to_y, along_x, along_y] = turned;
+        for i in 0..BLOCK {
+            let (ax, ay, bx, by) = (from_x.0[i], from_y.0[i], to_x.0[i], to_y.0[i]);
+            let (ex, ey) = (along_x.0[i], along_y.0[i]);
+            let cross = ax * ey - ay * ex;
+            let (right, left) = if cross < 0.0 { ([bx, by], [ax, ay]) } else { ([ax, ay], [bx, by]) };
+            let inverse = 1.0 / cross;
+            let limits = inverse_limits([ax, ay], [bx, by], [ex, ey]);
+            for axis in 0..2 {
+                ready.right[axis].0[i] = right[axis];
+                ready.left[axis].0[i] = left[axis];
+                ready.limits[axis].0[i] = limits[axis];
+            }
+            ready.slope[0].0[i] = ey * inverse;
+            ready.slope[1].0[i] = -ex * inverse;
         }
-        ready.slope[0].0[i] = ey * inverse;
-        ready.slope[1].0[i] = -ex * inverse;
-        let covered = fan.between(fan.beam_at(right[0], right[1]), fan.beam_at(left[0], left[1]));
-        runs.set(i, covered, true);
+        ready
     }
-    (ready, runs)
+
+    /// The blocks of beams that each edge may cover.
+    #[inline(always)]
+    fn runs(&self, fan: &Fan) -> LaneRuns {
+        let mut runs = LaneRuns::default();
+        for i in 0..BLOCK {
+            let right = fan.beam_at(self.right[0].0[i], self.right[1].0[i]);
+            let left = fan.beam_at(self.left[0].0[i], self.left[1].0[i]);
+            runs.set(i, fan.between(right, left), true);
+        }
+        runs
+    }
+
+    /// Gives the beams that point away from edge `lane` the depth they had before: its interval spares them only where
+    /// a block of beams is narrow, and on the line of an edge that is seen edge-on they pass the test of its ends.
+    #[inline(always)]
+    fn restore_behind(&self, lane: usize, cos: &Lanes, sin: &Lanes, before: &Lanes, depth: &mut Lanes) {
+        let (right, left) = ([self.right[0].0[lane], self.right[1].0[lane]], [self.left[0].0[lane], self.left[1].0[lane]]);
+        if right[0] * left[0] + right[1] * left[1] > 0.0 {
+            let middle = [right[0] + left[0], right[1] + left[1]];
+            for i in 0..BLOCK {
+                let behind = cos.0[i] * middle[0] + sin.0[i] * middle[1] < 0.0;
+                depth.0[i] = if behind { before.0[i] } else { depth.0[i] };
+            }
+        }
+    }
+}
+
+/// The array method, for a fan of `N` blocks: every beam against every edge that faces the lidar. The same operations as
+/// by intervals, so the same bits, but no intervals, and the depth stays in registers.
+#[inline(always)]
+pub(super) fn draw_all<'a, const N: usize>(
+    blocks: impl Iterator<Item = &'a [Lanes; 7]>,
+    view: View,
+    fan: &Fan,
+    facing: &mut Facing,
+    draws: &mut Draws,
+    depth: &mut [Lanes],
+) {
+    let (Some(cos), Some(sin)) = (fan.cos.first_chunk::<N>(), fan.sin.first_chunk::<N>()) else { return };
+    let Some(depth) = depth.first_chunk_mut::<N>() else { return };
+    let mut nearest = *depth;
+    for edges in blocks {
+        let (turned, seen) = turn(edges, view, fan);
+        let edge_on = seen & edge_on(&turned);
+        let ready = Ready::new(&turned);
+        let mut rest = seen & !edge_on;
+        while rest != 0 {
+            let lane = rest.trailing_zeros() as usize % BLOCK;
+            for block in 0..N {
+                draw_edge(&ready, lane, &cos[block], &sin[block], &mut nearest[block]);
+            }
+            rest &= rest - 1;
+        }
+        if edge_on != 0 {
+            facing.wait(&turned, edge_on);
+            *depth = nearest;
+            facing.finish(fan, draws, depth);
+            nearest = *depth;
+        }
+    }
+    *depth = nearest;
+}
+
+/// A bit for each edge whose ends are in the same direction or in opposite ones, within 1e-4 rad: the test of a beam
+/// against the two ends does not tell there whether it points to the edge or away from it, only the interval does.
+#[inline(always)]
+fn edge_on(turned: &Turned) -> u32 {
+    let [ax, ay, bx, by, ..] = turned;
+    let mut bits = [0; BLOCK];
+    for i in 0..BLOCK {
+        let (ax, ay, bx, by) = (ax.0[i], ay.0[i], bx.0[i], by.0[i]);
+        let sine = ax * by - ay * bx;
+        let distinct = sine * sine > 1e-8 * ((ax * ax + ay * ay) * (bx * bx + by * by));
+        bits[i] = if distinct { 0 } else { BIT[i] };
+    }
+    bits.iter().fold(0, |all, bit| all | bit)
 }
 
 /// Smallest and largest inverse range on the edge from `a` to `b` along `e`.

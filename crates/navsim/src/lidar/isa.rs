@@ -115,7 +115,8 @@ macro_rules! dispatched {
 }
 
 dispatched!(scan => raster::scan, (
-    outlines: [&Outline; 2], view: View, fan: &Fan, range_max: f32, scratch: &mut Scratch, ranges: &mut [f32]
+    outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, range_max: f32, scratch: &mut Scratch,
+    ranges: &mut [f32]
 ));
 dispatched!(pool => Bins::pool, (bins: &Bins, ranges: &[f32], memory: &mut [f32], pooled: &mut [f32]));
 dispatched!(disturb => noise::disturb, (noise: &Noise, name: &NoiseName, ranges: &mut [f32]));

@@ -9,6 +9,7 @@ mod faults;
 mod isa;
 mod noise;
 mod raster;
+mod walk;
 
 pub use bins::Bins;
 pub use fan::beam_angle;
@@ -139,9 +140,11 @@ impl Lidar {
             self.cast_by_parry(around, &view, &mut buffer.ranges);
         } else {
             let outlines = around.obstacles.map(Obstacles::outline);
+            let shortcuts = self.caster == Caster::Auto;
             isa::scan(
                 self.isa,
                 outlines,
+                shortcuts,
                 view,
                 &self.fan,
                 self.noise.range_max,

@@ -9,8 +9,9 @@
 
 use super::circles;
 use super::draw::{Draws, View};
-use super::edges::Facing;
+use super::edges::{Facing, draw_all};
 use super::fan::Fan;
+use super::walk::{Depth, Walk};
 use crate::world::{BLOCK, Lanes, Outline};
 
 /// Working memory of a scan, one for each thread.
@@ -19,52 +20,109 @@ pub(crate) struct Scratch {
     depth: Vec<Lanes>,
     draws: Draws,
     facing: Facing,
+    walk: Walk,
 }
 
 impl Scratch {
     /// Memory for scans of `fan`.
     pub fn new(fan: &Fan) -> Self {
         let blocks = fan.cos.len();
-        Self { depth: vec![Lanes::all(0.0); blocks], draws: Draws::new(blocks), facing: Facing::default() }
+        Self {
+            depth: vec![Lanes::all(0.0); blocks],
+            draws: Draws::new(blocks),
+            facing: Facing::default(),
+            walk: Walk::new(blocks),
+        }
     }
 }
 
 /// Computes the ranges (m) of all beams of `fan` in the lidar's frame against `outlines`; `ranges` has the padded
 /// length of the fan. A beam that meets nothing within `range_max` gets exactly `range_max`. The lidar must not be
-/// inside a solid.
+/// inside a solid. `shortcuts` allows what is faster and gives the same bits: trees, and the array method for few beams.
 #[inline(always)]
 pub(super) fn scan(
     outlines: [&Outline; 2],
+    shortcuts: bool,
     view: View,
     fan: &Fan,
     range_max: f32,
     scratch: &mut Scratch,
     ranges: &mut [f32],
 ) {
-    let Scratch { depth, draws, facing } = scratch;
     let farthest = 1.0 / range_max;
-    depth.fill(Lanes::all(farthest));
-    for block in outlines.iter().flat_map(|outline| outline.edges()) {
-        facing.add(block, view, fan, draws, depth);
-    }
-    facing.finish(fan, draws, depth);
-    let circles = outlines.iter().any(|outline| !outline.circles().is_empty());
-    for (row, block) in ranges.chunks_exact_mut(BLOCK).zip(&*depth) {
-        row.copy_from_slice(&block.0);
-    }
+    scratch.depth.fill(Lanes::all(farthest));
+    draw_edges(outlines, shortcuts, view, fan, range_max, scratch);
+    copy(&scratch.depth, ranges);
     for range in ranges.iter_mut() {
         let hit = 1.0 / *range;
         *range = if (*range > farthest) & (hit < range_max) { hit } else { range_max };
     }
-    if circles {
-        for (row, block) in ranges.chunks_exact(BLOCK).zip(depth.iter_mut()) {
+    if outlines.iter().any(|outline| !outline.circles.blocks().is_empty()) {
+        for (block, row) in scratch.depth.iter_mut().zip(ranges.chunks_exact(BLOCK)) {
             block.0.copy_from_slice(row);
         }
-        for block in outlines.iter().flat_map(|outline| outline.circles()) {
-            circles::draw(block, view, fan, draws, depth);
+        draw_circles(outlines, shortcuts, view, fan, range_max, scratch);
+        copy(&scratch.depth, ranges);
+    }
+}
+
+/// Draws all edges into the depth buffer of inverse ranges.
+#[inline(always)]
+fn draw_edges(outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, range_max: f32, scratch: &mut Scratch) {
+    let Scratch { depth, draws, facing, walk } = scratch;
+    if shortcuts && outlines.iter().all(|outline| outline.edges.tree().is_none()) {
+        let blocks = outlines.iter().flat_map(|outline| outline.edges.blocks());
+        match depth.len() {
+            1 => return draw_all::<1>(blocks, view, fan, facing, draws, depth),
+            2 => return draw_all::<2>(blocks, view, fan, facing, draws, depth),
+            3 => return draw_all::<3>(blocks, view, fan, facing, draws, depth),
+            4 => return draw_all::<4>(blocks, view, fan, facing, draws, depth),
+            _ => {}
         }
-        for (row, block) in ranges.chunks_exact_mut(BLOCK).zip(&*depth) {
-            row.copy_from_slice(&block.0);
+    }
+    for outline in outlines {
+        let blocks = outline.edges.blocks();
+        match outline.edges.tree().filter(|_| shortcuts) {
+            None => {
+                for block in blocks {
+                    facing.add(block, view, fan, draws, depth);
+                }
+            }
+            Some(tree) => {
+                walk.start(tree, view, fan, range_max);
+                while let Some(leaf) = walk.next(tree, view, fan, depth, Depth::Inverse) {
+                    facing.add(&blocks[leaf], view, fan, draws, depth);
+                }
+            }
         }
+    }
+    facing.finish(fan, draws, depth);
+}
+
+/// Draws all circles into the depth buffer of ranges.
+#[inline(always)]
+fn draw_circles(outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, range_max: f32, scratch: &mut Scratch) {
+    let Scratch { depth, draws, walk, .. } = scratch;
+    for outline in outlines {
+        let blocks = outline.circles.blocks();
+        match outline.circles.tree().filter(|_| shortcuts) {
+            None => {
+                for block in blocks {
+                    circles::draw(block, view, fan, draws, depth);
+                }
+            }
+            Some(tree) => {
+                walk.start(tree, view, fan, range_max);
+                while let Some(leaf) = walk.next(tree, view, fan, depth, Depth::Range) {
+                    circles::draw(&blocks[leaf], view, fan, draws, depth);
+                }
+            }
+        }
+    }
+}
+
+fn copy(depth: &[Lanes], ranges: &mut [f32]) {
+    for (row, block) in ranges.chunks_exact_mut(BLOCK).zip(depth) {
+        row.copy_from_slice(&block.0);
     }
 }

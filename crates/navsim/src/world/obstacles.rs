@@ -65,6 +65,7 @@ impl Obstacles {
             let boxes: Vec<Aabb> = obstacles.placed.iter().map(Placed::aabb).collect();
             obstacles.hierarchy = Some(Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes));
         }
+        obstacles.outline.build_trees();
         obstacles
     }
 

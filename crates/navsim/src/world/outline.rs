@@ -1,54 +1,23 @@
 //! The outline of a set of shapes in arrays of single precision, as the scan kernels read it.
 
+use super::blocks::Blocks;
 use super::shapes::{Shape, box_corners};
 use crate::lidar::prefetch;
 
-/// Edges, circles and beams are handled in blocks of this many: one AVX-512 register, two of AVX2, four of the baseline.
-pub(crate) const BLOCK: usize = 16;
-
-/// One number for each member of a block, where a register of the widest kind loads it at once.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[repr(align(64))]
-pub(crate) struct Lanes(pub [f32; BLOCK]);
-
-impl Lanes {
-    /// The same number everywhere.
-    pub const fn all(value: f32) -> Self {
-        Self([value; BLOCK])
-    }
-}
-
-/// Sixteen edges. Neighbours share bit-equal ends, so that no beam passes between them. An unused place is an edge
-/// without length, which no lidar sees.
-#[derive(Debug, Clone)]
-pub(crate) struct EdgeBlock {
-    /// One end, m.
-    pub from: [Lanes; 2],
-    /// The other end, m.
-    pub to: [Lanes; 2],
-    /// Difference of the ends, rounded once from double precision, m.
-    pub along: [Lanes; 2],
-    /// The edge is seen when from x along, as the lidar has it, is negative or greater than this: infinity for the edge
-    /// of a solid, whose corners run counter-clockwise, zero for a wall.
-    pub back: Lanes,
-}
-
-/// Sixteen circles. An unused place has radius 0.
-#[derive(Debug, Clone)]
-pub(crate) struct CircleBlock {
-    /// Centre, m.
-    pub center: [Lanes; 2],
-    /// Radius, m.
-    pub radius: Lanes,
-}
+/// From this many blocks on, a tree beats one block after the other.
+const TREE_FROM: usize = 8;
 
 /// Edges and circles of a set of shapes.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Outline {
-    edges: Vec<EdgeBlock>,
-    edge_count: usize,
-    circles: Vec<CircleBlock>,
-    circle_count: usize,
+    /// Edges: from x, y, to x, y (m), their difference along x, y (rounded once from double precision), and `back`.
+    ///
+    /// Neighbours share bit-equal ends, so that no beam passes between them. An edge is seen when the cross product
+    /// from x along, as the lidar has it, is negative or greater than `back`: infinity for the edge of a solid, whose
+    /// corners run counter-clockwise, 0 for a wall. An unused place is an edge without length, which is never seen.
+    pub edges: Blocks<7>,
+    /// Circles: centre x, y and radius, m. An unused place has radius 0.
+    pub circles: Blocks<3>,
 }
 
 impl Outline {
@@ -56,32 +25,33 @@ impl Outline {
     pub fn clear(&mut self) {
         self.edges.clear();
         self.circles.clear();
-        (self.edge_count, self.circle_count) = (0, 0);
     }
 
     /// Asks for all of it to be brought near.
     pub fn prefetch(&self) {
-        prefetch(&self.edges);
-        prefetch(&self.circles);
-    }
-
-    /// All edges; only the last block has unused places.
-    pub fn edges(&self) -> &[EdgeBlock] {
-        &self.edges
-    }
-
-    /// All circles; only the last block has unused places.
-    pub fn circles(&self) -> &[CircleBlock] {
-        &self.circles
+        prefetch(self.edges.blocks());
+        prefetch(self.circles.blocks());
     }
 
     /// Adds a shape.
     pub fn push(&mut self, shape: &Shape) {
         match shape {
-            Shape::Circle { center, radius } => self.push_circle(*center, *radius),
+            Shape::Circle { center, radius } => {
+                self.circles.push([center[0] as f32, center[1] as f32, *radius as f32]);
+            }
             Shape::Box { center, yaw, length, width } => self.push_closed(&box_corners(*center, *yaw, *length, *width)),
             Shape::Segment { a, b } => self.push_edge(*a, *b, 0.0),
             Shape::Polygon { points } => self.push_closed(points),
+        }
+    }
+
+    /// Builds trees where there is enough for them.
+    pub fn build_trees(&mut self) {
+        if self.edges.blocks().len() >= TREE_FROM {
+            self.edges.build_tree(|[ax, ay, bx, by, ..]| [ax.min(*bx), ay.min(*by), ax.max(*bx), ay.max(*by)]);
+        }
+        if self.circles.blocks().len() >= TREE_FROM {
+            self.circles.build_tree(|[x, y, radius]| [x - radius, y - radius, x + radius, y + radius]);
         }
     }
 
@@ -93,32 +63,8 @@ impl Outline {
     }
 
     fn push_edge(&mut self, from: [f64; 2], to: [f64; 2], back: f32) {
-        const NONE: [Lanes; 2] = [Lanes::all(0.0); 2];
-        let lane = self.edge_count % BLOCK;
-        if lane == 0 {
-            self.edges.push(EdgeBlock { from: NONE, to: NONE, along: NONE, back: Lanes::all(0.0) });
-        }
-        self.edge_count += 1;
-        if let Some(block) = self.edges.last_mut() {
-            for axis in 0..2 {
-                block.from[axis].0[lane] = from[axis] as f32;
-                block.to[axis].0[lane] = to[axis] as f32;
-                block.along[axis].0[lane] = (to[axis] - from[axis]) as f32;
-            }
-            block.back.0[lane] = back;
-        }
-    }
-
-    fn push_circle(&mut self, center: [f64; 2], radius: f64) {
-        let lane = self.circle_count % BLOCK;
-        if lane == 0 {
-            self.circles.push(CircleBlock { center: [Lanes::all(0.0); 2], radius: Lanes::all(0.0) });
-        }
-        self.circle_count += 1;
-        if let Some(block) = self.circles.last_mut() {
-            (block.center[0].0[lane], block.center[1].0[lane]) = (center[0] as f32, center[1] as f32);
-            block.radius.0[lane] = radius as f32;
-        }
+        let along = [(to[0] - from[0]) as f32, (to[1] - from[1]) as f32];
+        self.edges.push([from[0] as f32, from[1] as f32, to[0] as f32, to[1] as f32, along[0], along[1], back]);
     }
 }
 
@@ -132,15 +78,15 @@ mod tests {
         outline.push(&Shape::Box { center: [1.0, 2.0], yaw: 0.3, length: 2.0, width: 1.0 });
         outline.push(&Shape::Segment { a: [0.0, 0.0], b: [1.0, 0.0] });
         outline.push(&Shape::Circle { center: [0.0, 0.0], radius: 1.0 });
-        let edges = &outline.edges()[0];
-        assert_eq!(edges.back.0[..6], [f32::INFINITY, f32::INFINITY, f32::INFINITY, f32::INFINITY, 0.0, 0.0]);
-        for axis in 0..2 {
-            let (from, to) = (edges.from[axis].0, edges.to[axis].0);
+        let [from_x, from_y, to_x, to_y, along_x, along_y, back] = &outline.edges.blocks()[0];
+        for (from, to) in [(from_x.0, to_x.0), (from_y.0, to_y.0)] {
             assert_eq!([to[0], to[1], to[2], to[3]], [from[1], from[2], from[3], from[0]]);
-            assert!(edges.along[axis].0[5..].iter().all(|e| *e == 0.0));
         }
-        assert_eq!((outline.circles()[0].radius.0[0], outline.circles()[0].radius.0[1]), (1.0, 0.0));
+        assert_eq!(back.0[..6], [f32::INFINITY, f32::INFINITY, f32::INFINITY, f32::INFINITY, 0.0, 0.0]);
+        assert_eq!((along_x.0[4], along_y.0[4]), (1.0, 0.0));
+        assert!(along_x.0[5..].iter().chain(&along_y.0[5..]).all(|e| *e == 0.0));
+        assert_eq!(outline.circles.blocks()[0][2].0[..2], [1.0, 0.0]);
         outline.clear();
-        assert!(outline.edges().is_empty() && outline.circles().is_empty());
+        assert!(outline.edges.blocks().is_empty() && outline.circles.blocks().is_empty());
     }
 }
