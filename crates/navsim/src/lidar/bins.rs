@@ -1,5 +1,7 @@
 //! Pooling of beams into bins by minimum.
 
+use crate::world::BLOCK;
+
 /// Which beams belong to which bin: bin k holds the beams whose angle falls into the k-th of equal parts of the field
 /// of view, right to left. A beam exactly on a border belongs to the bin on its left.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,24 +31,38 @@ impl Bins {
         self.len() == 0
     }
 
+    /// Working memory of `pool`: a place for each beam, and for what the last block of them reads beyond.
+    pub(super) fn memory(&self) -> Vec<f32> {
+        let beams = self.starts[self.len()];
+        vec![f32::INFINITY; beams.next_multiple_of(BLOCK) + BLOCK]
+    }
+
     /// Writes the smallest range (m) of each bin to `pooled`, which has one place per bin. Lost beams (NaN) count for
-    /// nothing: a bin without any other gets infinity. `ranges` serves as working memory.
+    /// nothing: a bin without any other gets infinity.
     #[inline(always)]
-    pub(super) fn pool(&self, ranges: &mut [f32], pooled: &mut [f32]) {
+    pub(super) fn pool(&self, ranges: &[f32], memory: &mut [f32], pooled: &mut [f32]) {
         let smaller = |a: f32, b: f32| if b < a { b } else { a };
-        for range in ranges.iter_mut() {
-            *range = smaller(f32::INFINITY, *range);
+        for (place, range) in memory.iter_mut().zip(ranges) {
+            *place = smaller(f32::INFINITY, *range);
         }
-        // Place i comes to hold the smallest of twice as many beams from i on, until they are `window`.
+        // Place i comes to hold the smallest of twice as many beams from i on, until they are `window`. A block is read
+        // before it is written, so that it takes one operation.
         let mut covered = 1;
         while covered < self.window {
-            for i in 0..ranges.len() - covered {
-                ranges[i] = smaller(ranges[i], ranges[i + covered]);
+            let last = self.starts[self.len()] - 2 * covered;
+            for start in (0..=last).step_by(BLOCK) {
+                let (mut near, mut far) = ([0.0; BLOCK], [0.0; BLOCK]);
+                near.copy_from_slice(&memory[start..start + BLOCK]);
+                far.copy_from_slice(&memory[start + covered..start + covered + BLOCK]);
+                for lane in 0..BLOCK {
+                    near[lane] = smaller(near[lane], far[lane]);
+                }
+                memory[start..start + BLOCK].copy_from_slice(&near);
             }
             covered *= 2;
         }
         for (bin, nearest) in self.starts.windows(2).zip(pooled) {
-            *nearest = smaller(ranges[bin[0]], ranges[bin[1] - covered]);
+            *nearest = smaller(memory[bin[0]], memory[bin[1] - covered]);
         }
     }
 }
@@ -82,16 +98,17 @@ mod tests {
     #[test]
     fn a_bin_holds_its_nearest_beam() {
         let mut pooled = [0.0; 2];
-        Bins::new(5, 2).pool(&mut [3.0, 2.0, 9.0, 1.0, 4.0], &mut pooled);
+        let bins = Bins::new(5, 2);
+        bins.pool(&[3.0, 2.0, 9.0, 1.0, 4.0], &mut bins.memory(), &mut pooled);
         // Beam 2 looks exactly along the border between the bins: it belongs to the left one.
         assert_eq!(pooled, [2.0, 1.0]);
-        Bins::new(5, 2).pool(&mut [f32::NAN, 2.0, f32::NAN, f32::NAN, f32::NAN], &mut pooled);
+        bins.pool(&[f32::NAN, 2.0, f32::NAN, f32::NAN, f32::NAN], &mut bins.memory(), &mut pooled);
         assert_eq!(pooled, [2.0, f32::INFINITY]);
         for (beams, count) in [(1, 1), (180, 20), (180, 180), (271, 19), (1080, 40), (97, 1), (64, 9), (4096, 31)] {
             let mut random = crate::rng::Stream::new(StreamName::new(1, Purpose::Noise, Split::Given, beams as u32, 0));
             let ranges: Vec<f32> = (0..beams).map(|_| random.uniform(0.0, 10.0) as f32).collect();
             let (bins, mut pooled) = (Bins::new(beams, count), vec![0.0; count]);
-            bins.pool(&mut ranges.clone(), &mut pooled);
+            bins.pool(&ranges, &mut bins.memory(), &mut pooled);
             for (k, nearest) in pooled.iter().enumerate() {
                 let own = &ranges[bins.starts[k]..bins.starts[k + 1]];
                 assert_eq!(*nearest, own.iter().copied().fold(f32::INFINITY, f32::min), "bin {k} of {count}");

@@ -117,7 +117,7 @@ macro_rules! dispatched {
 dispatched!(scan => raster::scan, (
     outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, scratch: &mut Scratch, ranges: &mut [f32]
 ));
-dispatched!(pool => Bins::pool, (bins: &Bins, ranges: &mut [f32], pooled: &mut [f32]));
+dispatched!(pool => Bins::pool, (bins: &Bins, ranges: &[f32], memory: &mut [f32], pooled: &mut [f32]));
 dispatched!(disturb => noise::disturb, (noise: &Noise, name: &NoiseName, ranges: &mut [f32]));
 
 /// Asks for `values` to be brought near before they are needed; nothing else happens.

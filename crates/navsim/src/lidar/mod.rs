@@ -43,6 +43,7 @@ pub struct Lidar {
 pub struct ScanBuffer {
     raster: raster::Scratch,
     ranges: Vec<f32>,
+    bins: Vec<f32>,
 }
 
 /// What the lidar has around it at one moment.
@@ -91,7 +92,11 @@ impl Lidar {
 
     /// Memory for scans of this lidar.
     pub fn buffer(&self) -> ScanBuffer {
-        ScanBuffer { raster: raster::Scratch::new(&self.fan), ranges: vec![0.0; self.fan.padded()] }
+        ScanBuffer {
+            raster: raster::Scratch::new(&self.fan),
+            ranges: vec![0.0; self.fan.padded()],
+            bins: self.bins.memory(),
+        }
     }
 
     /// Number of beams.
@@ -116,9 +121,9 @@ impl Lidar {
     }
 
     /// Writes the smallest range (m) of each bin of the last scan to `pooled`; a bin that lost all its beams gets
-    /// infinity. The scan in the buffer is gone afterwards.
+    /// infinity.
     pub fn pool(&self, buffer: &mut ScanBuffer, pooled: &mut [f32]) {
-        isa::pool(self.isa, &self.bins, &mut buffer.ranges, pooled);
+        isa::pool(self.isa, &self.bins, &buffer.ranges[..self.fan.beams], &mut buffer.bins, pooled);
     }
 
     /// Exact ranges without noise or lower bound.

@@ -30,7 +30,8 @@ enum Solid {
     Ball(Ball),
     Cuboid(Cuboid),
     Segment(Segment),
-    Polygon(ConvexPolygon),
+    /// Rare and large: apart, so that the others lie close together.
+    Polygon(Box<ConvexPolygon>),
 }
 
 #[derive(Debug, Clone)]
@@ -206,7 +207,7 @@ impl Placed {
             Shape::Polygon { points } => {
                 let corners: Vec<Vector> = points.iter().copied().map(vector).collect();
                 match ConvexPolygon::from_convex_polyline_unmodified(corners) {
-                    Some(polygon) => (Solid::Polygon(polygon), Pose::identity()),
+                    Some(polygon) => (Solid::Polygon(Box::new(polygon)), Pose::identity()),
                     // Corners that fall together in single precision leave a sliver: its longest diagonal.
                     None => (
                         Solid::Segment(Segment::new(vector(points[0]), vector(points[points.len() / 2]))),
@@ -230,7 +231,7 @@ impl Placed {
             Solid::Ball(ball) => ball,
             Solid::Cuboid(cuboid) => cuboid,
             Solid::Segment(segment) => segment,
-            Solid::Polygon(polygon) => polygon,
+            Solid::Polygon(polygon) => &**polygon,
         }
     }
 

@@ -1,9 +1,7 @@
-//! Tests of the planners: `analytic` with lengths known by hand, `random` against a search of another kind;
-//! `timing` prints how long they take.
+//! Tests of the planners: `analytic` with lengths known by hand, `random` against a search of another kind.
 
 mod analytic;
 mod random;
-mod timing;
 
 use crate::rng::{Purpose, Split, Stream, StreamName};
 use crate::world::Shape;
