@@ -103,8 +103,9 @@ impl Walk {
     #[inline(always)]
     fn is_hidden(&mut self, next: &Waiting, depth: &[Lanes], kind: Depth) -> bool {
         for (start, count) in next.runs.start.iter().zip(&next.runs.count) {
-            let blocks = *start as usize..(*start + *count) as usize;
-            for (horizon, depth) in self.horizon[blocks.clone()].iter_mut().zip(&depth[blocks]) {
+            // An empty run may start beyond the last block.
+            let blocks = self.horizon.iter_mut().zip(depth).skip(*start as usize).take(*count as usize);
+            for (horizon, depth) in blocks {
                 if next.nearest < *horizon {
                     *horizon = farthest(depth, kind);
                     if next.nearest < *horizon {
