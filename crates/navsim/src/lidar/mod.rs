@@ -140,7 +140,16 @@ impl Lidar {
         } else {
             let outlines = around.obstacles.map(Obstacles::outline);
             let shortcuts = self.caster == Caster::Auto;
-            isa::scan(self.isa, outlines, shortcuts, view, &self.fan, self.range_max, &mut buffer.raster, &mut buffer.ranges);
+            isa::scan(
+                self.isa,
+                outlines,
+                shortcuts,
+                view,
+                &self.fan,
+                self.range_max,
+                &mut buffer.raster,
+                &mut buffer.ranges,
+            );
         }
     }
 

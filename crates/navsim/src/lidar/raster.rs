@@ -101,7 +101,14 @@ fn draw_edges(outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, r
 
 /// Draws all circles into the depth buffer of ranges.
 #[inline(always)]
-fn draw_circles(outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, range_max: f32, scratch: &mut Scratch) {
+fn draw_circles(
+    outlines: [&Outline; 2],
+    shortcuts: bool,
+    view: View,
+    fan: &Fan,
+    range_max: f32,
+    scratch: &mut Scratch,
+) {
     let Scratch { depth, draws, walk, .. } = scratch;
     for outline in outlines {
         let blocks = outline.circles.blocks();

@@ -78,7 +78,8 @@ impl Walk {
         let mut nearest = Lanes::all(0.0);
         let mut runs = LaneRuns::default();
         for i in 0..BLOCK {
-            let (x0, y0, x1, y1) = (low_x.0[i] - view.x, low_y.0[i] - view.y, high_x.0[i] - view.x, high_y.0[i] - view.y);
+            let (x0, y0, x1, y1) =
+                (low_x.0[i] - view.x, low_y.0[i] - view.y, high_x.0[i] - view.x, high_y.0[i] - view.y);
             let (gap_x, gap_y) = (outside(x0, x1), outside(y0, y1));
             nearest.0[i] = (gap_x * gap_x + gap_y * gap_y).sqrt() * NEARER;
             let (x, y) = view.turn(0.5 * (x0 + x1), 0.5 * (y0 + y1));

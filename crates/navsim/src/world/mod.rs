@@ -14,10 +14,10 @@ mod scenario;
 pub mod shapes;
 mod tree;
 
+pub(crate) use blocks::{BLOCK, Lanes};
 pub use file::{RandomBoxes, WorldFile};
 pub use generator::{Generator, Layout};
 pub use obstacles::Obstacles;
-pub(crate) use blocks::{BLOCK, Lanes};
 pub(crate) use outline::Outline;
 pub use scenario::{Scenario, ScenarioList};
 pub use shapes::Shape;
