@@ -74,13 +74,13 @@ impl Facing {
     fn draw(&self, count: usize, fan: &Fan, draws: &mut Draws, depth: &mut [Lanes]) {
         let ready = Ready::new(&self.values[0]);
         let runs = ready.runs(fan);
-        for pair in draws.list(&runs, count) {
+        let pairs = draws.list(&runs, count);
+        if edge_on(&self.values[0]) & ((1 << count) - 1) != 0 {
+            return ready.draw_ahead(pairs, fan, depth);
+        }
+        for pair in pairs {
             let (lane, block) = lane_and_block(*pair);
-            let (cos, sin, before) = (&fan.cos[block], &fan.sin[block], depth[block]);
-            draw_edge(&ready, lane, cos, sin, &mut depth[block]);
-            if fan.is_wide() {
-                ready.restore_behind(lane, cos, sin, &before, &mut depth[block]);
-            }
+            draw_edge(&ready, lane, &fan.cos[block], &fan.sin[block], &mut depth[block]);
         }
     }
 }
@@ -145,17 +145,21 @@ impl Ready {
         runs
     }
 
-    /// Gives the beams that point away from edge `lane` the depth they had before: its interval spares them only where
-    /// a block of beams is narrow, and on the line of an edge that is seen edge-on they pass the test of its ends.
-    #[inline(always)]
-    fn restore_behind(&self, lane: usize, cos: &Lanes, sin: &Lanes, before: &Lanes, depth: &mut Lanes) {
-        let (right, left) =
-            ([self.right[0].0[lane], self.right[1].0[lane]], [self.left[0].0[lane], self.left[1].0[lane]]);
-        if right[0] * left[0] + right[1] * left[1] > 0.0 {
-            let middle = [right[0] + left[0], right[1] + left[1]];
-            for i in 0..BLOCK {
-                let behind = cos.0[i] * middle[0] + sin.0[i] * middle[1] < 0.0;
-                depth.0[i] = if behind { before.0[i] } else { depth.0[i] };
+    /// Draws `pairs` of which some are edges seen edge-on: on its line the beams that point away from such an edge pass
+    /// the test of its ends too, and rounding decides which end is the right one. They keep the depth they had.
+    #[cold]
+    fn draw_ahead(&self, pairs: &[u16], fan: &Fan, depth: &mut [Lanes]) {
+        for pair in pairs {
+            let (lane, block) = lane_and_block(*pair);
+            let (cos, sin, before) = (&fan.cos[block], &fan.sin[block], depth[block]);
+            draw_edge(self, lane, cos, sin, &mut depth[block]);
+            let (right, left) =
+                ([self.right[0].0[lane], self.right[1].0[lane]], [self.left[0].0[lane], self.left[1].0[lane]]);
+            if right[0] * left[0] + right[1] * left[1] > 0.0 {
+                for i in 0..BLOCK {
+                    let ahead = cos.0[i] * (right[0] + left[0]) + sin.0[i] * (right[1] + left[1]);
+                    depth[block].0[i] = if ahead < 0.0 { before.0[i] } else { depth[block].0[i] };
+                }
             }
         }
     }
@@ -197,8 +201,7 @@ pub(super) fn draw_all<'a, const N: usize>(
     *depth = nearest;
 }
 
-/// A bit for each edge whose ends are in the same direction or in opposite ones, within 1e-4 rad: the test of a beam
-/// against the two ends does not tell there whether it points to the edge or away from it, only the interval does.
+/// A bit for each edge whose ends are in the same direction or in opposite ones, within 1e-4 rad.
 #[inline(always)]
 fn edge_on(turned: &Turned) -> u32 {
     let [ax, ay, bx, by, ..] = turned;

@@ -70,12 +70,6 @@ impl Fan {
         self.cos.len() * BLOCK
     }
 
-    /// Whether a block of beams may hold two that point opposite ways.
-    #[inline(always)]
-    pub fn is_wide(&self) -> bool {
-        self.turn < (4 * BLOCK) as f32
-    }
-
     /// Whether the point (ahead, aside) lies in a convex sector that no beam enters.
     #[inline(always)]
     pub fn is_behind(&self, ahead: f32, aside: f32) -> bool {
