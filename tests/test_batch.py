@@ -110,7 +110,7 @@ def any_actions(draw: st.DrawFn) -> np.ndarray:
         wide = draw(hnp.arrays(np.dtype(dtype), wide.shape, elements=ANY_NUMBER))
     steps = [draw(st.sampled_from([1, 2, -1, -2])) for _ in shape]
     ends = [(slice(None, None, step), slice(side)) for step, side in zip(steps, shape, strict=True)]
-    array = wide[tuple(step for step, _ in ends)][tuple(side for _, side in ends)]
+    array = np.asarray(wide[tuple(step for step, _ in ends)][tuple(side for _, side in ends)])
     if draw(st.booleans()):
         array = np.asarray(array, order=draw(st.sampled_from(["C", "F"])))
     if array.ndim and draw(st.integers(0, 9)) == 0:
@@ -289,11 +289,12 @@ def test_a_fork_is_an_error_and_no_hang() -> None:
 DIGEST = """
 import hashlib, sys
 import numpy as np
-import torch
 from navrl import _navsim
 from navrl.batch import BatchSim
 num_envs, threads, flush = map(int, sys.argv[1:])
-torch.set_flush_denormal(bool(flush))
+if flush:
+    import torch
+    assert torch.set_flush_denormal(True)
 sim = BatchSim(num_envs=num_envs, seed=3, num_threads=threads)
 digest = hashlib.sha256()
 for step in range(300):
@@ -316,7 +317,7 @@ def test_one_digest_for_every_instruction_set_thread_count_batch_and_floating_po
 
     names = ["baseline", "avx2", "avx512"]
     best, digest = run(8, 1, 0)
-    assert digest == "STORED"
+    assert digest == "6de349ee6ec778f3cbdea96a9ca36ae2c407a444b527b4d34c8fbf2e8c86c941"
     for isa in names:
         used = names[min(names.index(isa), names.index(best))]
         assert run(8, 1, 0, isa) == [used, digest]

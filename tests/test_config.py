@@ -46,6 +46,11 @@ def test_defaults_agree_with_the_design() -> None:
     assert (config.lidar.beams, config.lidar.bins, config.lidar.fov, config.lidar.range_max) == (180, 20, math.pi, 10.0)
 
 
+def test_the_core_tests_and_benches_use_these_defaults() -> None:
+    text = (REPOSITORY / "crates" / "navsim" / "tests" / "defaults.json").read_text(encoding="utf-8")
+    assert json.loads(text) == json.loads(json.dumps(dataclasses.asdict(SimConfig())))
+
+
 def test_the_paper_preset_is_the_papers() -> None:
     config = load_config(preset="paper")
     assert config.networks.hidden_sizes == (800, 600)

@@ -31,40 +31,62 @@ impl Bins {
         self.len() == 0
     }
 
-    /// Working memory of `pool`: a place for each beam, and for what the last block of them reads beyond.
+    /// Working memory of `pool`: a place for each beam.
     pub(super) fn memory(&self) -> Vec<f32> {
-        let beams = self.starts[self.len()];
-        vec![f32::INFINITY; beams.next_multiple_of(BLOCK) + BLOCK]
+        vec![f32::INFINITY; padded(self.beams())]
+    }
+
+    fn beams(&self) -> usize {
+        self.starts[self.len()]
     }
 
     /// Writes the smallest range (m) of each bin to `pooled`, which has one place per bin. Lost beams (NaN) count for
-    /// nothing: a bin without any other gets infinity.
+    /// nothing: a bin without any other gets infinity. `ranges` and `memory` have the length `padded`.
     #[inline(always)]
     pub(super) fn pool(&self, ranges: &[f32], memory: &mut [f32], pooled: &mut [f32]) {
-        let smaller = |a: f32, b: f32| if b < a { b } else { a };
-        for (place, range) in memory.iter_mut().zip(ranges) {
-            *place = smaller(f32::INFINITY, *range);
+        // Place i comes to hold the smallest of the ranges i, i + 1 .. i + `covered`, until those are `window`. Eight at
+        // once: what has just been written is slow to read at other offsets.
+        let mut covered = self.window.min(8);
+        for start in (0..=self.beams() - covered).step_by(BLOCK) {
+            let nearest = smallest_of(ranges, start, 1, covered);
+            memory[start..start + BLOCK].copy_from_slice(&nearest);
         }
-        // Place i comes to hold the smallest of twice as many beams from i on, until they are `window`. A block is read
-        // before it is written, so that it takes one operation.
-        let mut covered = 1;
         while covered < self.window {
-            let last = self.starts[self.len()] - 2 * covered;
-            for start in (0..=last).step_by(BLOCK) {
-                let (mut near, mut far) = ([0.0; BLOCK], [0.0; BLOCK]);
-                near.copy_from_slice(&memory[start..start + BLOCK]);
-                far.copy_from_slice(&memory[start + covered..start + covered + BLOCK]);
-                for lane in 0..BLOCK {
-                    near[lane] = smaller(near[lane], far[lane]);
-                }
-                memory[start..start + BLOCK].copy_from_slice(&near);
+            let count = (self.window / covered).min(8);
+            for start in (0..=self.beams() - count * covered).step_by(BLOCK) {
+                let nearest = smallest_of(memory, start, covered, count);
+                memory[start..start + BLOCK].copy_from_slice(&nearest);
             }
-            covered *= 2;
+            covered *= count;
         }
         for (bin, nearest) in self.starts.windows(2).zip(pooled) {
             *nearest = smaller(memory[bin[0]], memory[bin[1] - covered]);
         }
     }
+}
+
+/// Places for `beams` beams in whole blocks, and one block more, which the last of them reads into.
+pub(super) fn padded(beams: usize) -> usize {
+    beams.next_multiple_of(BLOCK) + BLOCK
+}
+
+/// For each lane i of a block, the smallest of `count` values from `start` + i on in steps of `stride`, NaN left out.
+#[inline(always)]
+fn smallest_of(values: &[f32], start: usize, stride: usize, count: usize) -> [f32; BLOCK] {
+    let mut nearest = [f32::INFINITY; BLOCK];
+    for k in 0..count {
+        let others = &values[start + k * stride..start + k * stride + BLOCK];
+        for (nearest, other) in nearest.iter_mut().zip(others) {
+            *nearest = smaller(*nearest, *other);
+        }
+    }
+    nearest
+}
+
+/// The smaller number; `a` if `b` is NaN.
+#[inline(always)]
+fn smaller(a: f32, b: f32) -> f32 {
+    if b < a { b } else { a }
 }
 
 #[cfg(test)]
@@ -99,14 +121,18 @@ mod tests {
     fn a_bin_holds_its_nearest_beam() {
         let mut pooled = [0.0; 2];
         let bins = Bins::new(5, 2);
-        bins.pool(&[3.0, 2.0, 9.0, 1.0, 4.0], &mut bins.memory(), &mut pooled);
+        let mut pool = |ranges: [f32; 5]| {
+            let mut places = vec![0.0; padded(5)];
+            places[..5].copy_from_slice(&ranges);
+            bins.pool(&places, &mut bins.memory(), &mut pooled);
+            pooled
+        };
         // Beam 2 looks exactly along the border between the bins: it belongs to the left one.
-        assert_eq!(pooled, [2.0, 1.0]);
-        bins.pool(&[f32::NAN, 2.0, f32::NAN, f32::NAN, f32::NAN], &mut bins.memory(), &mut pooled);
-        assert_eq!(pooled, [2.0, f32::INFINITY]);
+        assert_eq!(pool([3.0, 2.0, 9.0, 1.0, 4.0]), [2.0, 1.0]);
+        assert_eq!(pool([f32::NAN, 2.0, f32::NAN, f32::NAN, f32::NAN]), [2.0, f32::INFINITY]);
         for (beams, count) in [(1, 1), (180, 20), (180, 180), (271, 19), (1080, 40), (97, 1), (64, 9), (4096, 31)] {
             let mut random = crate::rng::Stream::new(StreamName::new(1, Purpose::Noise, Split::Given, beams as u32, 0));
-            let ranges: Vec<f32> = (0..beams).map(|_| random.uniform(0.0, 10.0) as f32).collect();
+            let ranges: Vec<f32> = (0..padded(beams)).map(|_| random.uniform(0.0, 10.0) as f32).collect();
             let (bins, mut pooled) = (Bins::new(beams, count), vec![0.0; count]);
             bins.pool(&ranges, &mut bins.memory(), &mut pooled);
             for (k, nearest) in pooled.iter().enumerate() {

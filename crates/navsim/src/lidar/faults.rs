@@ -1,6 +1,6 @@
 //! Faults of a real lidar: the step in which it counts, and beams that never come back.
 
-use super::noise::{Noise, ROUND, draw_words};
+use super::noise::{Noise, ROUND};
 use crate::rng::{Purpose, StreamName};
 
 /// From here on every single-precision number is whole.
@@ -27,7 +27,7 @@ pub(super) fn lose_beams(lost: u32, stream: &StreamName, first_block: u32, range
     let stream = stream.with_purpose(Purpose::LostBeams);
     let blocks = ROUND as u32 / 4;
     for (round, chunk) in (0..).zip(ranges.chunks_mut(ROUND)) {
-        let words = draw_words(&stream, first_block.wrapping_add(round * blocks));
+        let words = stream.sixteen_blocks(first_block.wrapping_add(round * blocks));
         for (range, word) in chunk.iter_mut().zip(words.as_flattened()) {
             *range = if word >> 8 < lost { f32::NAN } else { *range };
         }

@@ -94,7 +94,7 @@ impl Lidar {
     pub fn buffer(&self) -> ScanBuffer {
         ScanBuffer {
             raster: raster::Scratch::new(&self.fan),
-            ranges: vec![0.0; self.fan.padded()],
+            ranges: vec![0.0; bins::padded(self.fan.beams)],
             bins: self.bins.memory(),
         }
     }
@@ -116,14 +116,14 @@ impl Lidar {
     /// The result (m, one per beam) stays in the buffer and is returned.
     pub fn scan<'b>(&self, around: &Surroundings, name: &NoiseName, buffer: &'b mut ScanBuffer) -> &'b [f32] {
         self.cast(around, buffer);
-        isa::disturb(self.isa, &self.noise, name, &mut buffer.ranges);
+        isa::disturb(self.isa, &self.noise, name, &mut buffer.ranges[..self.fan.padded()]);
         &buffer.ranges[..self.fan.beams]
     }
 
     /// Writes the smallest range (m) of each bin of the last scan to `pooled`; a bin that lost all its beams gets
     /// infinity.
     pub fn pool(&self, buffer: &mut ScanBuffer, pooled: &mut [f32]) {
-        isa::pool(self.isa, &self.bins, &buffer.ranges[..self.fan.beams], &mut buffer.bins, pooled);
+        isa::pool(self.isa, &self.bins, &buffer.ranges, &mut buffer.bins, pooled);
     }
 
     /// Exact ranges without noise or lower bound.
@@ -133,15 +133,16 @@ impl Lidar {
         let view =
             View { x: world_from_lidar.x as f32, y: world_from_lidar.y as f32, cos: cos as f32, sin: sin as f32 };
         let origin = [world_from_lidar.x, world_from_lidar.y];
+        let ranges = &mut buffer.ranges[..self.fan.padded()];
         let inside = around.center_distance <= self.offset && around.obstacles.iter().any(|o| o.contains(origin));
         if inside {
-            buffer.ranges.fill(0.0);
+            ranges.fill(0.0);
         } else if self.caster == Caster::Parry {
-            self.cast_by_parry(around, &view, &mut buffer.ranges);
+            self.cast_by_parry(around, &view, ranges);
         } else {
             let outlines = around.obstacles.map(Obstacles::outline);
             let shortcuts = self.caster == Caster::Auto;
-            isa::scan(self.isa, outlines, shortcuts, view, &self.fan, &mut buffer.raster, &mut buffer.ranges);
+            isa::scan(self.isa, outlines, shortcuts, view, &self.fan, &mut buffer.raster, ranges);
         }
     }
 

@@ -88,23 +88,10 @@ fn add_normals(noise: &Noise, stream: &StreamName, first_block: u32, sigma: impl
     }
 }
 
-/// 64 random words from 16 random blocks: row k holds word k of each block.
-#[inline(always)]
-pub(super) fn draw_words(stream: &StreamName, first_block: u32) -> [[u32; BLOCK]; WORDS] {
-    let mut words = [[0; BLOCK]; WORDS];
-    for lane in 0..BLOCK {
-        let block = stream.block(first_block.wrapping_add(lane as u32));
-        for (row, word) in words.iter_mut().zip(block) {
-            row[lane] = word;
-        }
-    }
-    words
-}
-
 /// 64 normal numbers from 16 random blocks.
 #[inline(always)]
 fn draw_normals(stream: &StreamName, first_block: u32, normals: &mut [f32; ROUND]) {
-    let words = draw_words(stream, first_block);
+    let words = stream.sixteen_blocks(first_block);
     for pair in 0..2 {
         let (radii, turns) = (words[2 * pair], words[2 * pair + 1]);
         for lane in 0..BLOCK {
