@@ -370,6 +370,15 @@ def test_a_description_leads_back_to_the_configuration() -> None:
     assert sim.robot == replace(config.robot, radius=RobotConfig().radius)
 
 
+def test_a_description_keeps_the_faults_of_the_lidar(tmp_path: Path) -> None:
+    lidar = LidarConfig(noise_per_meter=0.01, resolution=0.005, drop_probability=0.02)
+    description = PolicyDescription.from_config(Config(lidar=lidar))
+    save_policy(tmp_path, random_policy(description).weights, description)
+    assert load_policy(tmp_path).description.sim_config().lidar == lidar
+    # The policy that ships was described before there were faults.
+    assert load_policy("default").description.sim_config().lidar == LidarConfig()
+
+
 def test_saving_replaces_the_older_policy(tmp_path: Path) -> None:
     save_policy(tmp_path, random_policy(seed=1).weights, described())
     newer = random_policy(described(hidden_sizes=(8,)), seed=2)

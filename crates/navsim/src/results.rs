@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::task::{Episode, Outcome};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// Row lengths that depend on the configuration.
 #[derive(Debug, Clone, Copy)]
@@ -76,7 +76,8 @@ results! {
     final_observations: f32 = 0.0, |w: Widths| w.observation;
     /// `Outcome` of the step just made.
     outcome: u8 = 0, |_| 1;
-    /// Range of every beam now, (num_envs, beams), m.
+    /// Range of every beam now, (num_envs, beams), m; NaN for a lost beam.
+    #[serde(deserialize_with = "ranges_with_lost_beams")]
     ranges: f32 = 0.0, |w: Widths| w.beams;
     /// Pose now, (num_envs, 3): x (m), y (m), yaw (rad).
     poses: f64 = 0.0, |_| 3;
@@ -94,6 +95,12 @@ results! {
     episode_clearance: f64 = 0.0, |_| 1;
     /// Its index, counted for each robot from 0.
     episodes: u64 = 0, |_| 1;
+}
+
+/// JSON has no NaN: a lost beam is written as null.
+fn ranges_with_lost_beams<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Vec<f32>, D::Error> {
+    let ranges = Vec::<Option<f32>>::deserialize(deserializer)?;
+    Ok(ranges.into_iter().map(|range| range.unwrap_or(f32::NAN)).collect())
 }
 
 impl Rows<'_> {

@@ -205,3 +205,20 @@ fn bad_actions_leave_the_simulator_untouched() {
     assert!(BatchSim::new(config("td3"), 1, 1, 0, true, None).is_err());
     assert!(BatchSim::new(config("nowhere"), 1, 1, 1, true, None).is_err());
 }
+
+#[test]
+fn a_state_keeps_lost_beams() {
+    let mut config = config("td3");
+    config.lidar.drop_probability = 0.3;
+    let simulator = || BatchSim::new(config.clone(), 4, 0, 1, true, None).unwrap();
+    let (mut whole, mut resumed) = (simulator(), simulator());
+    (0..20).for_each(|t| whole.step(&actions(4, t)).unwrap());
+    assert!(whole.results().ranges.iter().any(|range| range.is_nan()));
+    resumed.restore(&whole.state().unwrap()).unwrap();
+    assert_eq!(digest(&resumed, 4, 0), digest(&whole, 4, 0));
+    (20..60).for_each(|t| {
+        whole.step(&actions(4, t)).unwrap();
+        resumed.step(&actions(4, t)).unwrap();
+    });
+    assert_eq!(digest(&resumed, 4, 0), digest(&whole, 4, 0));
+}
