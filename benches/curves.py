@@ -13,7 +13,6 @@ from __future__ import annotations
 import csv
 import sys
 import tomllib
-from collections.abc import Sequence
 from math import nan
 from pathlib import Path
 from typing import NamedTuple
@@ -45,9 +44,9 @@ def main(target: str, *folders: str) -> None:
         panel.spines[["top", "right"]].set_visible(False)
     for run in runs:
         for panel, axis in ((panels[0], "episodes"), (panels[1], "steps")):
-            draw(panel, run, axis, "success", percent=True)
+            draw(panel, run, axis, "success")
         draw(panels[2], run, "steps", "average_q")
-        draw(panels[2], run, "steps", "training_return", alpha=0.45, label=None)
+        draw(panels[2], run, "steps", "training_return", faint=True)
     for panel in panels[:2]:
         panel.set_ylabel("success of the newest episodes, %")
         panel.set_ylim(-2, 102)
@@ -64,17 +63,15 @@ def read_run(folder: Path) -> Run:
         rows = list(csv.DictReader(file))
     columns = {name: [float(row[name]) if row[name] else nan for row in rows] for name in rows[0]}
     columns["steps"] = [steps / 1000 for steps in columns["steps"]]
+    columns["success"] = [100 * share for share in columns["success"]]
     return Run(f"{algorithm.upper()}, seed {seed}", COLOURS[algorithm], STROKES[seed % len(STROKES)], columns)
 
 
-def draw(
-    panel: Axes, run: Run, axis: str, column: str, *, percent: bool = False, alpha: float = 1.0, label: str | None = ""
-) -> None:
-    """Adds one curve; rows without a value are left out."""
-    pairs = zip(run.columns[axis], run.columns[column], strict=True)
-    points: Sequence[tuple[float, float]] = [(x, y * 100 if percent else y) for x, y in pairs if y == y]
-    name = run.name if label is not None else "_nolegend_"
-    panel.plot(*zip(*points, strict=True), run.stroke, color=run.colour, alpha=alpha, linewidth=1.4, label=name)
+def draw(panel: Axes, run: Run, axis: str, column: str, *, faint: bool = False) -> None:
+    """Adds one curve, with its gaps; a faint one is not in the legend."""
+    alpha, label = (0.45, None) if faint else (1.0, run.name)
+    x, y = run.columns[axis], run.columns[column]
+    panel.plot(x, y, run.stroke, color=run.colour, alpha=alpha, linewidth=1.4, label=label)
 
 
 if __name__ == "__main__":

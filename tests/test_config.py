@@ -5,7 +5,6 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
+from conftest import Writer
 from navrl import _navsim
 from navrl.config import Config, SimConfig
 from navrl.config.files import PRESETS, ROBOTS, Option, load_config, to_toml
@@ -23,9 +23,6 @@ from navrl.errors import ConfigError
 
 REPOSITORY = Path(__file__).parents[1]
 BUILT_IN = '"td3", "boxes", "open8" or the path of an existing .json file'
-
-
-Writer = Callable[[str | bytes], Path]
 
 
 # What is accepted

@@ -1,26 +1,12 @@
 //! The batch: contract of reset and step, and the same bits for any number of threads and robots.
 #![allow(clippy::unwrap_used)]
 
+mod drive;
+
+use drive::{actions, config};
 use navsim::config::*;
-use navsim::rng::{Purpose, Split, Stream, StreamName};
 use navsim::world::Shape;
 use navsim::{BatchSim, Error, Scenario};
-
-/// Python's defaults, in another world.
-fn config(world: &str) -> SimConfig {
-    let mut config = SimConfig::from_json(include_str!("defaults.json")).unwrap();
-    config.world.name = world.into();
-    config
-}
-
-/// Actions that robot `k` takes at step `t`, the same whatever the batch.
-fn actions(robots: usize, t: u32) -> Vec<f32> {
-    let action = |k: usize| {
-        let mut random = Stream::new(StreamName::new(5, Purpose::World, Split::Given, k as u32, u64::from(t)));
-        [random.uniform(-0.2, 1.0) as f32, random.uniform(-1.0, 1.0) as f32]
-    };
-    (0..robots).flat_map(action).collect()
-}
 
 /// FNV-1a over the bits of everything that the first `robots` robots see and get.
 fn digest(sim: &BatchSim, robots: usize, mut hash: u64) -> u64 {

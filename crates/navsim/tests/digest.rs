@@ -3,8 +3,10 @@
 //! NAVRL_FULL=1 tries every number of threads up to 16.
 #![allow(clippy::unwrap_used)]
 
+mod drive;
+
+use drive::actions;
 use navsim::config::FootprintKind;
-use navsim::rng::{Purpose, Split, Stream, StreamName};
 use navsim::{BatchSim, Results, SimConfig};
 use std::process::Command;
 
@@ -19,8 +21,7 @@ const STORED: [(&str, u64); 3] =
 
 /// The defaults in a world; the one of every shape has another robot and a lidar with every fault.
 fn config(world: &str) -> SimConfig {
-    let mut config = SimConfig::from_json(include_str!("defaults.json")).unwrap();
-    config.world.name = world.into();
+    let mut config = drive::config(world);
     if world == "open8" {
         config.lidar.noise = 0.0;
     }
@@ -33,15 +34,6 @@ fn config(world: &str) -> SimConfig {
         (lidar.resolution, lidar.drop_probability) = (0.005, 0.02);
     }
     config
-}
-
-/// Actions that robot `k` takes at step `t`, the same whatever the batch.
-fn actions(robots: usize, t: u32) -> Vec<f32> {
-    let action = |k: usize| {
-        let mut random = Stream::new(StreamName::new(5, Purpose::World, Split::Given, k as u32, u64::from(t)));
-        [random.uniform(-0.2, 1.0) as f32, random.uniform(-1.0, 1.0) as f32]
-    };
-    (0..robots).flat_map(action).collect()
 }
 
 /// FNV-1a, 32 bits at a time.

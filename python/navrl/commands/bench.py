@@ -38,8 +38,6 @@ def bench(options: Namespace) -> int:
     config = load_sim([*settings, *lidar])
     print(f"navrl: stepping {num_envs} robots in {config.world.name} for some seconds", file=sys.stderr)
 
-    from navrl.commands.bench import measure, write_json
-
     speed = measure(config, num_envs=num_envs, num_threads=num_threads)
     print(
         f"{config.world.name}: {speed.median:,.0f} steps/s (min {speed.minimum:,.0f}, max {speed.maximum:,.0f}); "

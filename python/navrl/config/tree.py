@@ -16,24 +16,6 @@ from pydantic.dataclasses import dataclass
 from navrl.config.checks import check_config, check_sim
 from navrl.config.faults import one_line
 
-__all__ = [
-    "CheckpointConfig",
-    "Config",
-    "ExplorationConfig",
-    "LearnerConfig",
-    "LidarConfig",
-    "NetworksConfig",
-    "ReplayConfig",
-    "RewardConfig",
-    "RobotConfig",
-    "SimConfig",
-    "TaskConfig",
-    "ThreadsConfig",
-    "TrainingConfig",
-    "ValidationConfig",
-    "WorldConfig",
-]
-
 WORLDS = ("td3", "boxes", "open8")
 THREADS_MAX = 256
 """Most threads of a simulator, as the core has it."""

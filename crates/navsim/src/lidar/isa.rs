@@ -254,6 +254,7 @@ mod tests {
         assert_eq!((flushed, kept, flushed_again), (0.0, f32::MIN_POSITIVE / 2.0, 0.0));
         assert_eq!(after & mode::CONTROL, (before | FLUSH) & mode::CONTROL);
     }
+
     /// Speeds and actions so small that they are denormal numbers.
     #[test]
     #[allow(clippy::unwrap_used)]

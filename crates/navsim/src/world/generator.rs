@@ -119,7 +119,7 @@ impl Generator {
     /// Share of the free area in which no start or goal is drawn, because no way leads there from the largest connected
     /// part; in [0, 1].
     pub fn cut_off(&self) -> f64 {
-        self.free_space.cut_off()
+        self.free_space.cut_off(self.room.area)
     }
 
     /// What does not move, as shapes.
