@@ -110,7 +110,8 @@ def any_actions(draw: st.DrawFn) -> np.ndarray:
         wide = draw(hnp.arrays(np.dtype(dtype), wide.shape, elements=ANY_NUMBER))
     steps = [draw(st.sampled_from([1, 2, -1, -2])) for _ in shape]
     ends = [(slice(None, None, step), slice(side)) for step, side in zip(steps, shape, strict=True)]
-    array = np.asarray(wide[tuple(step for step, _ in ends)][tuple(side for _, side in ends)])
+    # The dots keep an array of no dimensions an array.
+    array = wide[(..., *(step for step, _ in ends))][(..., *(side for _, side in ends))]
     if draw(st.booleans()):
         array = np.asarray(array, order=draw(st.sampled_from(["C", "F"])))
     if array.ndim and draw(st.integers(0, 9)) == 0:
