@@ -159,7 +159,8 @@ impl Lidar {
 
     fn cast_by_parry(&self, around: &Surroundings, view: &View, ranges: &mut [f32]) {
         for (i, range) in ranges.iter_mut().enumerate() {
-            let (cos, sin) = (self.fan.cos[i / BLOCK].0[i % BLOCK], self.fan.sin[i / BLOCK].0[i % BLOCK]);
+            let [cos, sin] = &self.fan.directions[i / BLOCK];
+            let (cos, sin) = (cos.0[i % BLOCK], sin.0[i % BLOCK]);
             let direction = [view.cos * cos - view.sin * sin, view.sin * cos + view.cos * sin];
             *range = around
                 .obstacles
