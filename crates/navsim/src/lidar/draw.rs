@@ -3,13 +3,14 @@
 use super::fan::Runs;
 use crate::world::BLOCK;
 
-/// Where the lidar is: position (m) and heading as cosine and sine.
+/// Where the lidar is, position (m) and heading as cosine and sine, and how far it sees, m.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct View {
     pub x: f32,
     pub y: f32,
     pub cos: f32,
     pub sin: f32,
+    pub range_max: f32,
 }
 
 impl View {

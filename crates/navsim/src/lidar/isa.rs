@@ -112,7 +112,6 @@ macro_rules! dispatched {
 }
 
 dispatched!(scan => raster::scan, (
-    outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, range_max: f32, scratch: &mut Scratch,
-    ranges: &mut [f32]
+    outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, scratch: &mut Scratch, ranges: &mut [f32]
 ));
 dispatched!(add_noise => noise::add, (noise: &Noise, first_block: u32, ranges: &mut [f32]));

@@ -37,7 +37,7 @@ impl Scratch {
 }
 
 /// Computes the ranges (m) of all beams of `fan` in the lidar's frame against `outlines`; `ranges` has the padded
-/// length of the fan. A beam that meets nothing within `range_max` gets exactly `range_max`. The lidar must not be
+/// length of the fan. A beam that meets nothing within the view's `range_max` gets exactly that. The lidar must not be
 /// inside a solid. `shortcuts` allows what is faster and gives the same bits: trees, and the array method for few beams.
 #[inline(always)]
 pub(super) fn scan(
@@ -45,13 +45,13 @@ pub(super) fn scan(
     shortcuts: bool,
     view: View,
     fan: &Fan,
-    range_max: f32,
     scratch: &mut Scratch,
     ranges: &mut [f32],
 ) {
+    let range_max = view.range_max;
     let farthest = 1.0 / range_max;
     scratch.depth.fill(Lanes::all(farthest));
-    draw_edges(outlines, shortcuts, view, fan, range_max, scratch);
+    draw_edges(outlines, shortcuts, view, fan, scratch);
     copy(&scratch.depth, ranges);
     for range in ranges.iter_mut() {
         let hit = 1.0 / *range;
@@ -61,14 +61,14 @@ pub(super) fn scan(
         for (block, row) in scratch.depth.iter_mut().zip(ranges.chunks_exact(BLOCK)) {
             block.0.copy_from_slice(row);
         }
-        draw_circles(outlines, shortcuts, view, fan, range_max, scratch);
+        draw_circles(outlines, shortcuts, view, fan, scratch);
         copy(&scratch.depth, ranges);
     }
 }
 
 /// Draws all edges into the depth buffer of inverse ranges.
 #[inline(always)]
-fn draw_edges(outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, range_max: f32, scratch: &mut Scratch) {
+fn draw_edges(outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, scratch: &mut Scratch) {
     let Scratch { depth, draws, facing, walk } = scratch;
     if shortcuts && outlines.iter().all(|outline| outline.edges.tree().is_none()) {
         let blocks = outlines.iter().flat_map(|outline| outline.edges.blocks());
@@ -89,7 +89,7 @@ fn draw_edges(outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, r
                 }
             }
             Some(tree) => {
-                walk.start(tree, view, fan, range_max);
+                walk.start(tree, view, fan);
                 while let Some(leaf) = walk.next(tree, view, fan, depth, Depth::Inverse) {
                     facing.add(&blocks[leaf], view, fan, draws, depth);
                 }
@@ -101,14 +101,7 @@ fn draw_edges(outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, r
 
 /// Draws all circles into the depth buffer of ranges.
 #[inline(always)]
-fn draw_circles(
-    outlines: [&Outline; 2],
-    shortcuts: bool,
-    view: View,
-    fan: &Fan,
-    range_max: f32,
-    scratch: &mut Scratch,
-) {
+fn draw_circles(outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, scratch: &mut Scratch) {
     let Scratch { depth, draws, walk, .. } = scratch;
     for outline in outlines {
         let blocks = outline.circles.blocks();
@@ -119,7 +112,7 @@ fn draw_circles(
                 }
             }
             Some(tree) => {
-                walk.start(tree, view, fan, range_max);
+                walk.start(tree, view, fan);
                 while let Some(leaf) = walk.next(tree, view, fan, depth, Depth::Range) {
                     circles::draw(&blocks[leaf], view, fan, draws, depth);
                 }

@@ -45,10 +45,10 @@ impl Walk {
         Self { waiting: Vec::new(), horizon: vec![0.0; blocks] }
     }
 
-    /// Starts at the root of `tree`; nothing is seen beyond `range_max` (m).
+    /// Starts at the root of `tree`.
     #[inline(always)]
-    pub fn start(&mut self, tree: &Tree, view: View, fan: &Fan, range_max: f32) {
-        self.horizon.fill(range_max);
+    pub fn start(&mut self, tree: &Tree, view: View, fan: &Fan) {
+        self.horizon.fill(view.range_max);
         self.waiting.clear();
         self.open(tree, tree.height(), 0, view, fan);
     }
@@ -103,10 +103,14 @@ impl Walk {
     #[inline(always)]
     fn is_hidden(&mut self, next: &Waiting, depth: &[Lanes], kind: Depth) -> bool {
         for (start, count) in next.runs.start.iter().zip(&next.runs.count) {
-            for block in *start as usize..(*start + *count) as usize {
-                if next.nearest < self.horizon[block] {
-                    self.horizon[block] = farthest(&depth[block], kind);
-                    if next.nearest < self.horizon[block] {
+            if *count == 0 {
+                continue;
+            }
+            let blocks = *start as usize..(*start + *count) as usize;
+            for (horizon, depth) in self.horizon[blocks.clone()].iter_mut().zip(&depth[blocks]) {
+                if next.nearest < *horizon {
+                    *horizon = farthest(depth, kind);
+                    if next.nearest < *horizon {
                         return false;
                     }
                 }
