@@ -49,7 +49,7 @@ fn circles() -> Worlds {
 /// A traced office: 11 by 11 lines of walls 6 m apart with doors, in about 5,000 pieces that are 2 cm rough.
 fn office() -> Worlds {
     let mut random = Stream::new(StreamName::new(2, Purpose::World, Split::Given, 0, 0));
-    let (rooms, pieces, side) = (10, 28, 6.0);
+    let (rooms, pieces, side) = (10, 25, 6.0);
     let mut shapes = Vec::new();
     for (line, room) in (0..2 * (rooms + 1)).flat_map(|line| (0..rooms).map(move |room| (line, room))) {
         let mut last = None;
@@ -57,7 +57,7 @@ fn office() -> Worlds {
             let along = side * (f64::from(room) + f64::from(piece) / f64::from(pieces) - 0.5 * f64::from(rooms));
             let across = side * (f64::from(line / 2) - 0.5 * f64::from(rooms)) + random.uniform(-0.02, 0.02);
             let point = if line % 2 == 0 { [along, across] } else { [across, along] };
-            let in_door = (13..16).contains(&piece) && (2..2 * rooms).contains(&line);
+            let in_door = (11..14).contains(&piece) && (2..2 * rooms).contains(&line);
             if let (Some(a), false) = (last, in_door) {
                 shapes.push(Shape::Segment { a, b: point });
             }
