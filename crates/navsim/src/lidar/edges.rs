@@ -80,7 +80,7 @@ impl Facing {
         }
         for pair in pairs {
             let (lane, block) = lane_and_block(*pair);
-            draw_edge(&ready, lane, &fan.cos[block], &fan.sin[block], &mut depth[block]);
+            draw_edge(&ready, lane, &fan.directions[block], &mut depth[block]);
         }
     }
 }
@@ -151,8 +151,8 @@ impl Ready {
     fn draw_ahead(&self, pairs: &[u16], fan: &Fan, depth: &mut [Lanes]) {
         for pair in pairs {
             let (lane, block) = lane_and_block(*pair);
-            let (cos, sin, before) = (&fan.cos[block], &fan.sin[block], depth[block]);
-            draw_edge(self, lane, cos, sin, &mut depth[block]);
+            let ([cos, sin], before) = (&fan.directions[block], depth[block]);
+            draw_edge(self, lane, &fan.directions[block], &mut depth[block]);
             let (right, left) =
                 ([self.right[0].0[lane], self.right[1].0[lane]], [self.left[0].0[lane], self.left[1].0[lane]]);
             if right[0] * left[0] + right[1] * left[1] > 0.0 {
@@ -176,8 +176,7 @@ pub(super) fn draw_all<'a, const N: usize>(
     draws: &mut Draws,
     depth: &mut [Lanes],
 ) {
-    let (Some(cos), Some(sin)) = (fan.cos.first_chunk::<N>(), fan.sin.first_chunk::<N>()) else { return };
-    let Some(depth) = depth.first_chunk_mut::<N>() else { return };
+    let (Some(beams), Some(depth)) = (fan.directions.first_chunk::<N>(), depth.first_chunk_mut::<N>()) else { return };
     let mut nearest = *depth;
     for edges in blocks {
         let (turned, seen) = turn(edges, view, fan);
@@ -187,7 +186,7 @@ pub(super) fn draw_all<'a, const N: usize>(
         while rest != 0 {
             let lane = rest.trailing_zeros() as usize % BLOCK;
             for block in 0..N {
-                draw_edge(&ready, lane, &cos[block], &sin[block], &mut nearest[block]);
+                draw_edge(&ready, lane, &beams[block], &mut nearest[block]);
             }
             rest &= rest - 1;
         }
@@ -228,7 +227,7 @@ fn inverse_limits(a: [f32; 2], b: [f32; 2], e: [f32; 2]) -> [f32; 2] {
 
 /// Draws edge `lane` over one block of beams.
 #[inline(always)]
-fn draw_edge(ready: &Ready, lane: usize, cos: &Lanes, sin: &Lanes, depth: &mut Lanes) {
+fn draw_edge(ready: &Ready, lane: usize, [cos, sin]: &[Lanes; 2], depth: &mut Lanes) {
     let right = [ready.right[0].0[lane], ready.right[1].0[lane]];
     let left = [ready.left[0].0[lane], ready.left[1].0[lane]];
     let slope = [ready.slope[0].0[lane], ready.slope[1].0[lane]];

@@ -113,6 +113,16 @@ impl Lidar {
     /// meets nothing reports exactly range_max; a lidar inside a solid sees 0 everywhere, before noise and clipping; a
     /// lost beam is NaN.
     ///
+    /// An exact range lies within 1e-4 m of what double precision gives for an origin within 4e-6 m and an angle within
+    /// 1e-6 rad; no beam is left out. Within that rule:
+    /// - a beam through a corner, or through the end of a wall, meets it; none passes between two edges that share it;
+    /// - a beam along an edge does not meet that edge, but what stands at its ends;
+    /// - a lidar on a wall does not see that wall, one on the border of a solid is inside it;
+    /// - a beam that touches a circle meets it;
+    /// - a beam on the border between two bins belongs to the left one (see `Bins`).
+    ///
+    /// With `Caster::Auto` and `Caster::Raster` the bits are the same on every instruction set.
+    ///
     /// The result (m, one per beam) stays in the buffer and is returned.
     pub fn scan<'b>(&self, around: &Surroundings, name: &NoiseName, buffer: &'b mut ScanBuffer) -> &'b [f32] {
         self.cast(around, buffer);
@@ -152,7 +162,8 @@ impl Lidar {
 
     fn cast_by_parry(&self, around: &Surroundings, view: &View, ranges: &mut [f32]) {
         for (i, range) in ranges.iter_mut().enumerate() {
-            let (cos, sin) = (self.fan.cos[i / BLOCK].0[i % BLOCK], self.fan.sin[i / BLOCK].0[i % BLOCK]);
+            let [cos, sin] = &self.fan.directions[i / BLOCK];
+            let (cos, sin) = (cos.0[i % BLOCK], sin.0[i % BLOCK]);
             let direction = [view.cos * cos - view.sin * sin, view.sin * cos + view.cos * sin];
             *range = around.obstacles.iter().fold(self.noise.range_max, |nearest, obstacles| {
                 obstacles.cast_ray([view.x, view.y], direction, nearest)

@@ -26,7 +26,7 @@ pub(crate) struct Scratch {
 impl Scratch {
     /// Memory for scans of `fan`.
     pub fn new(fan: &Fan) -> Self {
-        let blocks = fan.cos.len();
+        let blocks = fan.directions.len();
         Self {
             depth: vec![Lanes::all(0.0); blocks],
             draws: Draws::new(blocks),
