@@ -57,9 +57,9 @@ impl Digest {
     }
 
     /// Everything that `robot` sees and gets.
-    fn add_robot(&mut self, results: &Results, robot: usize, num_envs: usize) {
+    fn add_robot(&mut self, results: &Results, ranges: &[f32], robot: usize, num_envs: usize) {
         let row = |length: usize| robot * (length / num_envs)..(robot + 1) * (length / num_envs);
-        for values in [&results.observations, &results.final_observations, &results.ranges, &results.rewards] {
+        for values in [&results.observations[..], &results.final_observations, ranges, &results.rewards] {
             self.add_single(&values[row(values.len())]);
         }
         for values in [
@@ -83,8 +83,9 @@ fn digest(config: &SimConfig, num_envs: usize, threads: usize) -> u64 {
     let mut sim = BatchSim::new(config.clone(), num_envs, 3, threads, true, None).unwrap();
     let mut robots: Vec<Digest> = (0..ROBOTS).map(|_| Digest(0xcbf2_9ce4_8422_2325)).collect();
     for t in 0..=STEPS {
+        let ranges = sim.ranges().unwrap().to_vec();
         for (k, robot) in robots.iter_mut().enumerate() {
-            robot.add_robot(sim.results(), k, num_envs);
+            robot.add_robot(sim.results(), &ranges, k, num_envs);
         }
         sim.step(&actions(num_envs, t)).unwrap();
     }
