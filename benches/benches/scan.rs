@@ -4,7 +4,8 @@
 use benches::config;
 use criterion::{Criterion, criterion_group, criterion_main};
 use navsim::config::{Caster, LidarConfig};
-use navsim::lidar::{Isa, Lidar, NoiseName, Surroundings};
+use navsim::cpu::Isa;
+use navsim::lidar::{Lidar, NoiseName, Surroundings};
 use navsim::pose::Pose;
 use navsim::rng::{Purpose, Split, Stream, StreamName};
 use navsim::world::{Generator, Obstacles, Shape};

@@ -1,8 +1,8 @@
 //! Many robots at once: arrays in, arrays out, and the only threads of the crate.
 
 use crate::config::SimConfig;
+use crate::cpu::DefaultMode;
 use crate::error::{Error, Result};
-use crate::lidar::DefaultMode;
 use crate::results::{Results, Rows};
 use crate::task::{Episode, ObservationRow, Outcome, Task, Workspace};
 use crate::world::Scenario;

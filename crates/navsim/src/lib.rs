@@ -19,6 +19,7 @@
 pub mod batch;
 pub mod collision;
 pub mod config;
+pub mod cpu;
 pub mod error;
 pub mod lidar;
 pub mod planner;

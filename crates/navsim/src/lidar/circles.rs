@@ -2,8 +2,10 @@
 //!
 //! The form with the distance across the beam loses no precision where a beam grazes.
 
-use super::draw::{Draws, LaneRuns, View, lane_and_block, smaller};
+use super::draw::{Draws, LaneRuns, lane_and_block};
 use super::fan::Fan;
+use super::view::View;
+use crate::cpu::smaller;
 use crate::world::{BLOCK, Lanes};
 use std::f32::consts::FRAC_PI_2;
 

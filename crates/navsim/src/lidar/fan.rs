@@ -1,7 +1,7 @@
 //! The directions and reach of the beams, and which of them an interval of angles covers.
 
-use super::isa::whole;
 use crate::config::LidarConfig;
+use crate::cpu::whole;
 use crate::world::{BLOCK, Lanes};
 use std::f32::consts::{FRAC_PI_2, PI};
 

@@ -242,7 +242,7 @@ impl Task {
             row.ranges.copy_from_slice(ranges);
         }
         let (bins, extra) = row.observation.split_at_mut(self.lidar.bins().len());
-        self.lidar.pool(&mut workspace.scan, bins);
+        self.lidar.pool(&workspace.scan, bins);
         let goal_polar = goal_in_robot(&episode.pose, episode.goal);
         write_extra(goal_polar, episode.velocity, &self.config.robot, extra);
         let nearest = bins.iter().fold(f32::INFINITY, |a, b| a.min(*b));
