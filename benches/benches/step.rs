@@ -84,11 +84,13 @@ fn collision(criterion: &mut Criterion) {
             bencher.iter(|| next.next().map(|(obstacles, pose)| clearance(&footprint, pose, [obstacles, &none])));
         });
         for v in [0.5, 100.0] {
-            let mut next = worlds.iter().cycle();
+            let gap = |(obstacles, pose): &(_, _)| clearance(&footprint, pose, [obstacles, &none]);
+            let gaps: Vec<f32> = worlds.iter().map(gap).collect();
+            let mut next = worlds.iter().zip(&gaps).cycle();
             group.bench_function(format!("sweep at {v} m/s, {name}"), |bencher| {
                 bencher.iter(|| {
-                    let (obstacles, start) = next.next().unwrap();
-                    sweep(&footprint, &Arc { start: *start, v, omega: 0.7 }, 0.1, [obstacles, &none], 0.1)
+                    let ((obstacles, start), gap) = next.next().unwrap();
+                    sweep(&footprint, &Arc { start: *start, v, omega: 0.7 }, 0.1, [obstacles, &none], *gap)
                 });
             });
         }
