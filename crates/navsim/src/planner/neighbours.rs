@@ -52,60 +52,43 @@ impl Neighbours {
         number
     }
 
-    /// Calls `visit` with the number of every point of a square.
-    fn visit(&self, column: usize, row: usize, visit: &mut impl FnMut(usize)) {
-        let mut number = self.heads[row * self.columns + column];
-        while number != NONE {
-            visit(number as usize);
-            number = self.next[number as usize];
-        }
-    }
-
-    /// The point nearest to `place`; of several the one that came first. `None` without points.
-    pub fn nearest(&self, place: Point) -> Option<usize> {
+    /// Fills `found` with the `count` (> 0) points nearest to `place`, or all there are: distance (m) and number of each, in
+    /// rising order of both.
+    pub fn closest(&self, place: Point, count: usize, found: &mut Vec<(f64, usize)>) {
+        found.clear();
         let (column, row) = self.square(place);
-        let mut best = (f64::INFINITY, usize::MAX);
         for ring in 0..self.columns.max(self.rows) {
             // Whatever lies in this ring of squares or beyond is at least this far away.
-            if best.0 < (ring as f64 - 1.0) * self.side {
+            if found.len() == count && found[count - 1].0 < (ring as f64 - 1.0) * self.side {
                 break;
             }
             let (top, bottom) = (row + ring, row.wrapping_sub(ring));
             for row in row.saturating_sub(ring)..=top.min(self.rows - 1) {
                 let edge = row == top || row == bottom;
                 let (left, right) = (column.saturating_sub(ring), column + ring);
-                let step = if edge || ring == 0 { 1 } else { 2 * ring };
                 // Only the two ends of the rows between; a left end that was cut off is none.
-                let first = if edge || column >= ring { left } else { right };
+                let (first, step) = match edge {
+                    true => (left, 1),
+                    false => (if column >= ring { left } else { right }, 2 * ring),
+                };
                 for column in (first..=right.min(self.columns - 1)).step_by(step) {
-                    self.visit(column, row, &mut |number| {
-                        best = nearer(best, (apart(self.points[number], place), number));
-                    });
+                    self.offer(column, row, place, count, found);
                 }
             }
         }
-        (best.1 != usize::MAX).then_some(best.1)
     }
 
-    /// Fills `found` with the points within `radius` (m) of `place` and their distances, in rising order of both.
-    pub fn within(&self, place: Point, radius: f64, found: &mut Vec<(f64, usize)>) {
-        found.clear();
-        let (left, low) = self.square([place[0] - radius, place[1] - radius]);
-        let (right, high) = self.square([place[0] + radius, place[1] + radius]);
-        for row in low..=high {
-            for column in left..=right {
-                self.visit(column, row, &mut |number| {
-                    let away = apart(self.points[number], place);
-                    if away <= radius {
-                        found.push((away, number));
-                    }
-                });
+    /// Sorts the points of a square into `found`, which keeps the `count` nearest.
+    fn offer(&self, column: usize, row: usize, place: Point, count: usize, found: &mut Vec<(f64, usize)>) {
+        let mut number = self.heads[row * self.columns + column];
+        while number != NONE {
+            let new = (apart(self.points[number as usize], place), number as usize);
+            let before = |other: &(f64, usize)| other.0.total_cmp(&new.0).then(other.1.cmp(&new.1)).is_lt();
+            if found.len() < count || !before(&found[count - 1]) {
+                found.truncate(count - 1);
+                found.insert(found.partition_point(before), new);
             }
+            number = self.next[number as usize];
         }
-        found.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     }
-}
-
-fn nearer(a: (f64, usize), b: (f64, usize)) -> (f64, usize) {
-    if b.0 < a.0 || (b.0 == a.0 && b.1 < a.1) { b } else { a }
 }

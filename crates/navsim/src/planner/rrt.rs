@@ -18,7 +18,7 @@ pub(crate) fn rrt(
     budget: &mut Budget,
 ) -> Option<Vec<Point>> {
     let mut tree = Neighbours::new(problem.bounds);
-    let mut parents = vec![0];
+    let (mut parents, mut near) = (vec![0], Vec::new());
     tree.push(problem.start);
     if problem.to_circle(problem.start) <= config.step
         && let Some(end) = problem.entry(problem.start)
@@ -27,7 +27,8 @@ pub(crate) fn rrt(
     }
     while budget.spend() {
         let sample = sample(problem, config.goal_bias, random);
-        let Some(nearest) = tree.nearest(sample) else { continue };
+        tree.closest(sample, 1, &mut near);
+        let nearest = near[0].1;
         let Some(point) = steer(problem, tree.points()[nearest], sample, config.step) else { continue };
         let number = tree.push(point);
         parents.push(nearest);

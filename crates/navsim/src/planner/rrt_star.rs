@@ -11,10 +11,11 @@ use super::plan::PlannerConfig;
 use super::problem::Problem;
 use super::rrt::{sample, steer, way_to};
 use crate::rng::Stream;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
-/// Factor on the least radius of rewiring with which the ways become optimal.
-const REWIRING: f64 = 1.1;
+/// Neighbours that are looked at, per logarithm of the number of points: above e (1 + 1/2), with which the ways become
+/// optimal in the plane.
+const REWIRED: f64 = 4.1;
 /// End of a list of children.
 const NONE: usize = usize::MAX;
 
@@ -40,22 +41,24 @@ pub(crate) fn rrt_star(
 ) -> Option<Vec<Point>> {
     let mut tree = Tree::new(problem);
     tree.add(problem.start, 0, 0.0, config.step);
-    let [x0, y0, x1, y1] = problem.bounds;
-    // gamma > 2 sqrt(3/2) sqrt(area / pi) in the plane.
-    let gamma = REWIRING * 2.0 * (1.5 * (x1 - x0) * (y1 - y0) / PI).sqrt();
     let mut near = Vec::new();
-    while budget.spend() {
+    let straight = problem.to_circle(problem.start);
+    loop {
         let best = tree.best();
+        // Nothing is shorter than the straight way.
+        if best.is_some_and(|(_, length)| length <= straight) || !budget.spend() {
+            break;
+        }
         let sample = match best {
             Some((_, length)) => informed(problem, length, random),
             None => Some(sample(problem, config.goal_bias, random)),
         };
         let Some(sample) = sample else { continue };
-        let Some(nearest) = tree.places.nearest(sample) else { continue };
+        tree.places.closest(sample, 1, &mut near);
+        let nearest = near[0].1;
         let Some(point) = steer(problem, tree.places.points()[nearest], sample, config.step) else { continue };
-        let count = tree.parents.len() as f64 + 1.0;
-        let radius = (gamma * (libm::log(count) / count).sqrt()).min(config.step);
-        tree.places.within(point, radius, &mut near);
+        let count = REWIRED * libm::log(tree.parents.len() as f64 + 1.0);
+        tree.places.closest(point, count.ceil() as usize, &mut near);
         let number = tree.connect(point, nearest, &near, config.step);
         tree.rewire(number, &near);
     }
