@@ -6,9 +6,9 @@
 //! goal if there is a way; its way is then freed of its loops.
 
 use super::budget::Budget;
+use super::config::PlannerConfig;
 use super::grid_search::{Route, STEPS};
 use super::occupancy::{Anchor, Map};
-use super::plan::PlannerConfig;
 use super::problem::Problem;
 use crate::rng::Stream;
 
@@ -46,24 +46,28 @@ pub(crate) fn ant_colony(
     random: &mut Stream,
     budget: &mut Budget,
 ) -> Route {
-    let (starts, goals) = (map.around(problem, problem.start), map.goals(problem));
+    let (mut starts, goals) = (map.around(problem, problem.start), map.goals(problem));
     let mut best = Route { nodes: Vec::new(), length: f64::INFINITY, expansions: 0 };
     let mut colony = Colony::new(map, config, &goals);
     let mut ant = 0;
-    while !starts.is_empty() && !goals.is_empty() && budget.spend() {
+    while !goals.is_empty() && !starts.is_empty() && budget.spend() {
         let mut round = Route { nodes: Vec::new(), length: f64::INFINITY, expansions: 0 };
         for _ in 0..config.ants {
+            if starts.is_empty() || budget.is_late() {
+                break;
+            }
             ant += 1;
             let start = starts[((random.unit() * starts.len() as f64) as usize).min(starts.len() - 1)];
-            let Some(nodes) = colony.walk(start.0, problem.goal, ant, random) else { break };
+            let Some(nodes) = colony.walk(start.0, problem.goal, ant, random) else {
+                // Nothing leads on from there, nor from where else the ant has been.
+                starts.retain(|(node, _)| colony.visited[*node] != ant);
+                continue;
+            };
             let nodes = colony.without_loops(&nodes);
             let length = start.1 + colony.length(&nodes);
             if length < round.length {
                 (round.nodes, round.length) = (nodes, length);
             }
-        }
-        if round.nodes.is_empty() {
-            break;
         }
         colony.fade();
         colony.mark(&round.nodes);

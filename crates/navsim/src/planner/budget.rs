@@ -20,11 +20,16 @@ impl Budget {
 
     /// Takes one unit; false if none is left, or no time.
     pub fn spend(&mut self) -> bool {
-        if self.left == 0 || self.until.is_some_and(|until| Instant::now() >= until) {
+        if self.left == 0 || self.is_late() {
             return false;
         }
         self.left -= 1;
         self.spent += 1;
         true
+    }
+
+    /// Whether no time is left.
+    pub fn is_late(&self) -> bool {
+        self.until.is_some_and(|until| Instant::now() >= until)
     }
 }

@@ -5,8 +5,9 @@
 //! half a cell (Dial, "Algorithm 360: shortest-path forest with topological ordering", CACM 12, 1969): nodes of one bucket
 //! are taken in any order, and once more if they turn out to be nearer than thought.
 
+use super::fast_marching::Grid;
 use super::inflated::Point;
-use super::occupancy::{Anchor, Map, TAIL_CELLS};
+use super::occupancy::{Anchor, Map};
 use std::f64::consts::SQRT_2;
 
 /// Buckets of the ring. Keys in use at one time differ by less than 20 cells: an edge changes a key by 3 cells at most,
@@ -14,9 +15,6 @@ use std::f64::consts::SQRT_2;
 const BUCKETS: usize = 64;
 /// Buckets per cell.
 const BUCKETS_PER_CELL: f64 = 2.0;
-/// Largest ratio of the octile to the straight distance: sqrt(4 - 2 sqrt 2), at 22.5 degrees.
-const OCTILE_MAX: f64 = 1.082_392_200_292_394;
-
 /// Steps to the eight neighbours: columns, rows, length in cells.
 pub(crate) const STEPS: [(isize, isize, f64); 8] = [
     (1, 0, 1.0),
@@ -49,17 +47,10 @@ pub(crate) struct Route {
     pub expansions: u64,
 }
 
-/// The goal circle that leads A*.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Lead {
-    pub goal: Point,
-    /// m.
-    pub radius: f64,
-}
-
-/// The shortest way from one of `starts` to one of `goals` (in rising order), the lengths of their anchors included; led
-/// by the octile distance if there is a `lead`, without which all directions are alike (Dijkstra).
-pub(crate) fn search(map: &Map, starts: &[Anchor], goals: &[Anchor], lead: Option<Lead>) -> Route {
+/// The shortest way from one of `starts` to one of `goals` (in rising order), the lengths of their anchors included. With a
+/// `lead`, a point amid the goals, the octile distance to it leads the search (A*); without, all directions are alike
+/// (Dijkstra).
+pub(crate) fn search(map: &Map, starts: &[Anchor], goals: &[Anchor], lead: Option<Point>) -> Route {
     let mut search = Search::new(map, goals, lead);
     for &(node, length) in starts {
         search.offer(node, length, FIRST);
@@ -67,12 +58,21 @@ pub(crate) fn search(map: &Map, starts: &[Anchor], goals: &[Anchor], lead: Optio
     search.run(goals)
 }
 
+/// Length (m) of the shortest way of eight directions from a node to `point`.
+#[inline(always)]
+fn octile(grid: &Grid, column: usize, row: usize, point: Point) -> f64 {
+    let x = (grid.origin[0] + grid.cell * column as f64 - point[0]).abs();
+    let y = (grid.origin[1] + grid.cell * row as f64 - point[1]).abs();
+    x.max(y) + (SQRT_2 - 1.0) * x.min(y)
+}
+
 struct Search<'a> {
     map: &'a Map,
     /// Length (m) of the best way to each node so far.
     lengths: Vec<f64>,
     marks: Vec<u8>,
-    lead: Option<Lead>,
+    /// The point that leads, and how much (m) nearer than that a way may end.
+    lead: Option<(Point, f64)>,
     ring: Vec<Vec<u32>>,
     /// Number of the bucket whose nodes are being taken; `usize::MAX` before the first.
     bucket: usize,
@@ -81,23 +81,25 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(map: &'a Map, goals: &[Anchor], lead: Option<Lead>) -> Self {
+    fn new(map: &'a Map, goals: &[Anchor], lead: Option<Point>) -> Self {
         let mut marks: Vec<u8> = map.blocked.iter().map(|blocked| if *blocked { BLOCKED } else { 0 }).collect();
         goals.iter().for_each(|(node, _)| marks[*node] |= GOAL);
+        // octile(n, lead) <= octile(n, g) + octile(g, lead) for every goal g.
+        let columns = map.grid.columns;
+        let nearer = |point: Point| {
+            let win = |goal: &Anchor| octile(&map.grid, goal.0 % columns, goal.0 / columns, point) - goal.1;
+            goals.iter().map(win).fold(0.0, f64::max)
+        };
+        let lead = lead.map(|point| (point, nearer(point)));
         let ring = vec![Vec::new(); BUCKETS];
         let lengths = vec![f64::INFINITY; marks.len()];
         Self { map, lengths, marks, lead, ring, bucket: usize::MAX, waiting: 0 }
     }
 
-    /// Lower bound of the way (m) from a node to where it may end. Whatever the tail, its end lies within `reach`.
+    /// Lower bound of the way (m) from a node to where it may end, its tail included.
     #[inline(always)]
     fn remaining(&self, column: usize, row: usize) -> f64 {
-        let Some(Lead { goal, radius }) = self.lead else { return 0.0 };
-        let grid = &self.map.grid;
-        let x = (grid.origin[0] + grid.cell * column as f64 - goal[0]).abs();
-        let y = (grid.origin[1] + grid.cell * row as f64 - goal[1]).abs();
-        let octile = x.max(y) + (SQRT_2 - 1.0) * x.min(y);
-        (octile - OCTILE_MAX * (radius + TAIL_CELLS * grid.cell)).max(0.0)
+        self.lead.map_or(0.0, |(point, nearer)| (octile(&self.map.grid, column, row, point) - nearer).max(0.0))
     }
 
     /// Queues a node that is reached by a way of this length and a last step, if no shorter one is known.
@@ -127,7 +129,9 @@ impl<'a> Search<'a> {
             while let Some(node) = self.ring[self.bucket % BUCKETS].pop() {
                 let node = node as usize;
                 self.waiting -= 1;
-                if self.marks[node] & DONE != 0 {
+                let (column, row) = (node % self.map.grid.columns, node / self.map.grid.columns);
+                let hopeless = self.lengths[node] + self.remaining(column, row) >= best.length;
+                if hopeless || self.marks[node] & DONE != 0 {
                     continue;
                 }
                 self.marks[node] |= DONE;
@@ -139,7 +143,7 @@ impl<'a> Search<'a> {
                         (best.length, last) = (self.lengths[node] + tail, node);
                     }
                 }
-                self.expand(node);
+                self.expand(node, column, row);
             }
             self.bucket += 1;
         }
@@ -160,9 +164,8 @@ impl<'a> Search<'a> {
     }
 
     #[inline(always)]
-    fn expand(&mut self, node: usize) {
-        let (columns, cell) = (self.map.grid.columns, self.map.grid.cell);
-        let (column, row, length) = (node % columns, node / columns, self.lengths[node]);
+    fn expand(&mut self, node: usize, column: usize, row: usize) {
+        let (columns, cell, length) = (self.map.grid.columns, self.map.grid.cell, self.lengths[node]);
         for (step, (right, up, cells)) in STEPS.iter().enumerate() {
             let next = node.wrapping_add_signed(up * columns as isize + right);
             let longer = length + cells * cell;

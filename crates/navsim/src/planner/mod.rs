@@ -11,6 +11,7 @@
 
 mod ant_colony;
 mod budget;
+mod config;
 mod descent;
 mod enclosure;
 mod fast_marching;
@@ -29,10 +30,10 @@ mod shortest_path;
 mod smooth;
 mod taut_string;
 
+pub use config::PlannerConfig;
 pub use fast_marching::{BORDER, Field, Grid};
 pub use lookahead::Lookahead;
-pub use plan::{Plan, Planner, PlannerConfig, Status, plan};
-pub use problem::Problem;
+pub use plan::{Plan, Planner, Status, plan};
 pub use shortest_path::{needs_detour, shortest_path};
 
 #[cfg(test)]

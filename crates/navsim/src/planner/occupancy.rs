@@ -11,8 +11,6 @@ use super::inflated::{InflatedSolid, Point, apart};
 use super::problem::Problem;
 use crate::error::{Error, Result};
 
-/// Most nodes of a map: with the costs of a search 110 MB.
-const NODES_MAX: f64 = 1e7;
 /// Cells around a point within which it is joined to nodes by straight lines.
 const ANCHOR_CELLS: f64 = 3.0;
 /// Cells around the goal circle from which a path ends straight.
@@ -38,20 +36,25 @@ struct Block {
 }
 
 impl Map {
-    /// The map of `problem` with cells of the side `cell` (m).
+    /// The map of `problem` with cells of the side `cell` (m), which the setting `key` names,
+    /// and at most `most` nodes.
     ///
     /// # Errors
-    /// The map would have more than 10 million nodes.
-    pub fn new(problem: &Problem, cell: f64) -> Result<Self> {
+    /// The map would have more nodes; the message says which cells would do.
+    pub fn new(problem: &Problem, key: &'static str, cell: f64, most: usize) -> Result<Self> {
         let [x0, y0, x1, y1] = problem.bounds;
         let (width, height) = (x1 - x0, y1 - y0);
-        if (width / cell + 6.0) * (height / cell + 6.0) > NODES_MAX {
-            let least = (width * height / NODES_MAX).sqrt();
+        let nodes = |cell: f64| (width / cell + 7.0) * (height / cell + 7.0);
+        if nodes(cell) > most as f64 {
+            let mut least = cell;
+            while nodes(least) > most as f64 {
+                least *= 1.01;
+            }
             let expected = format!(
-                "at least {:.3} m: a map of this world, {width:.1} m x {height:.1} m, has at most 10 million nodes",
-                1.01 * least
+                "at least {:.3} m: a map of this world, {width:.1} m x {height:.1} m, has at most {most} nodes",
+                (1e3 * least).ceil() / 1e3
             );
-            return Err(Error::Setting { key: "resolution", value: cell.to_string(), expected });
+            return Err(Error::Setting { key, value: cell.to_string(), expected });
         }
         let grid = Grid::around(problem.bounds, cell);
         let mut map = Self { grid, blocked: vec![true; grid.len()] };

@@ -1,10 +1,11 @@
-//! Plans: which planner, with which settings, and what came of it.
+//! Plans: which planner, and what came of it.
 
 use super::ant_colony::ant_colony;
 use super::budget::Budget;
+use super::config::PlannerConfig;
 use super::descent::descend;
 use super::fast_marching::Field;
-use super::grid_search::{Lead, search};
+use super::grid_search::{Route, search};
 use super::inflated::Point;
 use super::occupancy::Map;
 use super::problem::Problem;
@@ -14,8 +15,12 @@ use super::smooth::{cut, divide, length, pull_tight};
 use crate::error::{Error, Result};
 use crate::rng::{Purpose, Split, Stream, StreamName};
 use crate::world::Scenario;
-use serde::{Deserialize, Serialize};
 use std::time::Instant;
+
+/// Most nodes of a map: a search keeps at most 14 bytes for each, 140 MB.
+const NODES_MAX: usize = 10_000_000;
+/// Most nodes of a map for ants, whose trails take 41 bytes for each.
+const ANT_NODES_MAX: usize = 1_000_000;
 
 /// Ways to find a path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,39 +54,6 @@ impl Planner {
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.iter().find(|(word, _)| *word == name).map(|(_, planner)| *planner)
     }
-}
-
-/// Settings of all planners. Python holds the defaults; every field must be given.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PlannerConfig {
-    /// Clearance that is wanted beyond the robot's radius, m, 0 to 100. Where start, goal or every way is narrower, half of
-    /// it, and then none.
-    pub margin: f64,
-    /// Side of a cell of `astar`, `dijkstra` and `fmm`, m, in [0.001, 100].
-    pub resolution: f64,
-    /// Side of a cell of `antcolony`, m, in [0.001, 100].
-    pub ant_resolution: f64,
-    /// Longest edge of `rrt` and `rrtstar`, m, in [0.001, 1000].
-    pub step: f64,
-    /// Samples of `rrt` (at most) and `rrtstar`, 1 to 10 million.
-    pub samples: u64,
-    /// Share of the samples of a tree that are the goal, in [0, 1); of `rrtstar` until a path is known.
-    pub goal_bias: f64,
-    /// Ants of a round, 1 to 10,000.
-    pub ants: u32,
-    /// Rounds of ants, 1 to 10,000.
-    pub rounds: u32,
-    /// Share of a trail that is lost, and set anew, in a round, in (0, 1].
-    pub evaporation: f64,
-    /// How strongly the goal draws ants: the odds of a step at an angle a from it are exp(goal_weight cos a), 0 to 20.
-    pub goal_weight: f64,
-    /// Longest search of `rrt`, `rrtstar` and `antcolony`, s; 0: none, and then the same seed gives the same path.
-    pub time_limit: f64,
-    /// Whether a path is pulled tight.
-    pub shortcut: bool,
-    /// Largest distance of neighbouring points of the path, m; 0: only its corners.
-    pub spacing: f64,
 }
 
 /// How a plan ended.
@@ -133,54 +105,11 @@ pub struct Plan {
     pub time: f64,
 }
 
-impl PlannerConfig {
-    /// Reads the settings from JSON, every key given.
-    ///
-    /// # Errors
-    /// `Error::Parse`, or `Error::Setting` for a value out of range.
-    pub fn from_json(text: &str) -> Result<Self> {
-        let config: Self = serde_json::from_str(text).map_err(|error| Error::Parse(format!("planner: {error}")))?;
-        config.validate()?;
-        Ok(config)
-    }
-
-    /// Checks every value.
-    ///
-    /// # Errors
-    /// `Error::Setting` with the first that is out of range.
-    pub fn validate(&self) -> Result<()> {
-        let (samples, ants, rounds) = (self.samples as f64, f64::from(self.ants), f64::from(self.rounds));
-        for (key, value, low, high) in [
-            ("margin", self.margin, 0.0, 100.0),
-            ("resolution", self.resolution, 1e-3, 100.0),
-            ("ant_resolution", self.ant_resolution, 1e-3, 100.0),
-            ("step", self.step, 1e-3, 1000.0),
-            ("samples", samples, 1.0, 1e7),
-            ("goal_bias", self.goal_bias, 0.0, 1.0 - f64::EPSILON),
-            ("ants", ants, 1.0, 1e4),
-            ("rounds", rounds, 1.0, 1e4),
-            ("evaporation", self.evaporation, f64::MIN_POSITIVE, 1.0),
-            ("goal_weight", self.goal_weight, 0.0, 20.0),
-            ("time_limit", self.time_limit, 0.0, 1e6),
-        ] {
-            if !(value >= low && value <= high) {
-                let expected = format!("a number from {low} to {high}");
-                return Err(Error::Setting { key, value: value.to_string(), expected });
-            }
-        }
-        if self.spacing != 0.0 && !(self.spacing >= 1e-3 && self.spacing <= 1000.0) {
-            let expected = "0, or a number from 0.001 to 1000".into();
-            return Err(Error::Setting { key: "spacing", value: self.spacing.to_string(), expected });
-        }
-        Ok(())
-    }
-}
-
 /// Plans the way of `scenario` for a robot of `radius` (m, > 0; for a rectangle the radius of the circle around it).
 /// `seed` and `index` name the random numbers of `rrt`, `rrtstar` and `antcolony`.
 ///
 /// # Errors
-/// A scenario, radius or setting out of range, or a map of more than 10 million nodes. That there is no path is no error
+/// A scenario, radius or setting out of range, or a map of more than 10 million nodes (for ants of 1 million). That there is no path is no error
 /// but a `Status`.
 pub fn plan(
     scenario: &Scenario,
@@ -223,40 +152,51 @@ pub fn plan(
     Ok(Plan { status, path, length, clearance: problem.clearance, expansions: found.expansions, time })
 }
 
+/// The path as a planner leaves it, or why there is none.
 struct Outcome {
     path: std::result::Result<Vec<Point>, Status>,
     expansions: u64,
 }
 
+/// What a planner makes of a problem that can be solved.
 fn find(problem: &Problem, planner: Planner, config: &PlannerConfig, random: &mut Stream) -> Result<Outcome> {
     if problem.to_circle(problem.start) <= 0.0 {
         return Ok(Outcome { path: Ok(vec![problem.start]), expansions: 0 });
     }
-    if matches!(planner, Planner::Rrt | Planner::RrtStar) {
-        let grow = if planner == Planner::Rrt { rrt } else { rrt_star };
-        let mut budget = Budget::new(config.samples, config.time_limit);
-        let path = grow(problem, config, random, &mut budget).ok_or(Status::BudgetSpent);
-        return Ok(Outcome { path, expansions: budget.spent });
-    }
-    let ants = planner == Planner::AntColony;
-    let map = Map::new(problem, if ants { config.ant_resolution } else { config.resolution })?;
-    if planner == Planner::FastMarching {
-        let field = Field::march(map.grid, &map.blocked, &map.goals(problem));
-        let expansions = field.distances().iter().filter(|distance| distance.is_finite()).count() as u64;
-        return Ok(Outcome { path: descend(problem, &map, &field).ok_or(Status::TooCoarse), expansions });
-    }
-    let route = if ants {
-        let mut budget = Budget::new(u64::from(config.rounds), config.time_limit);
-        ant_colony(problem, &map, config, random, &mut budget)
-    } else {
-        let lead = (planner == Planner::AStar).then_some(Lead { goal: problem.goal, radius: problem.goal_radius });
-        search(&map, &map.around(problem, problem.start), &map.goals(problem), lead)
-    };
+    Ok(match planner {
+        Planner::Rrt | Planner::RrtStar => {
+            let grow = if planner == Planner::Rrt { rrt } else { rrt_star };
+            let mut budget = Budget::new(config.samples, config.time_limit);
+            let path = grow(problem, config, random, &mut budget).ok_or(Status::BudgetSpent);
+            Outcome { path, expansions: budget.spent }
+        }
+        Planner::AntColony => {
+            let map = Map::new(problem, "ant_resolution", config.ant_resolution, ANT_NODES_MAX)?;
+            let mut budget = Budget::new(u64::from(config.rounds), config.time_limit);
+            let route = ant_colony(problem, &map, config, random, &mut budget);
+            let ended = if budget.is_late() { Status::BudgetSpent } else { Status::TooCoarse };
+            Outcome { path: walked(problem, &map, &route).ok_or(ended), expansions: route.expansions }
+        }
+        Planner::AStar | Planner::Dijkstra => {
+            let map = Map::new(problem, "resolution", config.resolution, NODES_MAX)?;
+            let lead = (planner == Planner::AStar).then_some(problem.goal);
+            let route = search(&map, &map.around(problem, problem.start), &map.goals(problem), lead);
+            Outcome { path: walked(problem, &map, &route).ok_or(Status::TooCoarse), expansions: route.expansions }
+        }
+        Planner::FastMarching => {
+            let map = Map::new(problem, "resolution", config.resolution, NODES_MAX)?;
+            let field = Field::march(map.grid, &map.blocked, &map.goals(problem));
+            let expansions = field.distances().iter().filter(|distance| distance.is_finite()).count() as u64;
+            Outcome { path: descend(problem, &map, &field).ok_or(Status::TooCoarse), expansions }
+        }
+    })
+}
+
+/// The path over the nodes of a route.
+fn walked(problem: &Problem, map: &Map, route: &Route) -> Option<Vec<Point>> {
+    let end = problem.entry(map.grid.position(*route.nodes.last()?))?;
     let nodes = route.nodes.iter().map(|node| map.grid.position(*node));
-    let mut path: Vec<Point> = std::iter::once(problem.start).chain(nodes).collect();
-    path.extend(route.nodes.last().and_then(|node| problem.entry(map.grid.position(*node))));
-    let path = if route.nodes.is_empty() { Err(Status::TooCoarse) } else { Ok(path) };
-    Ok(Outcome { path, expansions: route.expansions })
+    Some(std::iter::once(problem.start).chain(nodes).chain([end]).collect())
 }
 
 /// The path as it is handed out.

@@ -16,17 +16,17 @@ const CLEARANCE_MAX: f64 = 1000.0;
 
 /// A known world for one way.
 #[derive(Debug)]
-pub struct Problem {
+pub(crate) struct Problem {
     /// The obstacles grown by the clearance.
-    pub(crate) world: Inflated,
+    pub world: Inflated,
     /// Every place that a path may need: [x0, y0, x1, y1], m.
-    pub(crate) bounds: [f64; 4],
-    pub(crate) start: Point,
-    pub(crate) goal: Point,
+    pub bounds: [f64; 4],
+    pub start: Point,
+    pub goal: Point,
     /// Distance (m) from the goal at which a path ends.
-    pub(crate) goal_radius: f64,
+    pub goal_radius: f64,
     /// Distance (m) that the centre of the robot keeps from every shape.
-    pub(crate) clearance: f64,
+    pub clearance: f64,
 }
 
 impl Problem {
@@ -73,12 +73,12 @@ impl Problem {
     }
 
     /// Whether the straight way from `a` (free) to `b`, both within the bounds, keeps the clearance.
-    pub(crate) fn is_clear(&self, a: Point, b: Point) -> bool {
+    pub fn is_clear(&self, a: Point, b: Point) -> bool {
         self.world.is_free(b) && self.world.segment_is_free(a, b)
     }
 
     /// Where the straight way from `point` (free) at the goal enters the circle, if it is clear; `point` itself within.
-    pub(crate) fn entry(&self, point: Point) -> Option<Point> {
+    pub fn entry(&self, point: Point) -> Option<Point> {
         let rest = self.to_circle(point);
         if rest <= 0.0 {
             return Some(point);
@@ -88,7 +88,7 @@ impl Problem {
     }
 
     /// Straight distance (m) from `point` to where a path may end, negative within.
-    pub(crate) fn to_circle(&self, point: Point) -> f64 {
+    pub fn to_circle(&self, point: Point) -> f64 {
         apart(point, self.goal) - self.goal_radius
     }
 }

@@ -3,9 +3,9 @@
 //! LaValle, "Rapidly-exploring random trees: a new tool for path planning", Iowa State University TR 98-11, 1998.
 
 use super::budget::Budget;
+use super::config::PlannerConfig;
 use super::inflated::{Point, along, apart};
 use super::neighbours::Neighbours;
-use super::plan::PlannerConfig;
 use super::problem::Problem;
 use crate::rng::Stream;
 

@@ -5,9 +5,9 @@
 //! RRT*", IROS 2014).
 
 use super::budget::Budget;
+use super::config::PlannerConfig;
 use super::inflated::{Point, apart};
 use super::neighbours::Neighbours;
-use super::plan::PlannerConfig;
 use super::problem::Problem;
 use super::rrt::{sample, steer, way_to};
 use crate::rng::Stream;
