@@ -3,12 +3,14 @@
 use super::inflated::{Point, along, apart};
 use super::problem::Problem;
 
-/// Pieces into which a path is divided while it is pulled tight.
+/// Pieces into which a path is divided before points are joined straight.
 const PIECES: f64 = 200.0;
-/// Most passes over the path, every other one backwards.
-const PASSES: usize = 12;
-/// Share of the length that a pair of passes must win for another one.
+/// Most times that all corners are cut.
+const PASSES: usize = 40;
+/// Share of the length that a pass must win for another one.
 const WIN: f64 = 1e-5;
+/// Smallest share of its two sides at which a corner is cut.
+const CUT_MIN: f64 = 0.01;
 
 /// Length (m) of a path.
 pub(crate) fn length(path: &[Point]) -> f64 {
@@ -44,12 +46,13 @@ pub(crate) fn pull_tight(problem: &Problem, path: &mut Vec<Point>) {
     {
         path.push(problem.goal);
     }
+    for _ in 0..2 {
+        *path = skip(problem, &divide(path, length(path) / PIECES));
+        path.reverse();
+    }
     let mut before = length(path);
-    for _ in 0..PASSES / 2 {
-        for _ in 0..2 {
-            *path = skip(problem, &divide(path, before / PIECES));
-            path.reverse();
-        }
+    for _ in 0..PASSES {
+        *path = cut_corners(problem, path);
         let now = length(path);
         if now > (1.0 - WIN) * before {
             break;
@@ -57,6 +60,31 @@ pub(crate) fn pull_tight(problem: &Problem, path: &mut Vec<Point>) {
         before = now;
     }
     cut(problem, path);
+}
+
+/// Cuts every corner straight across, as deep as is clear: that of a taut path lies at an obstacle.
+fn cut_corners(problem: &Problem, path: &[Point]) -> Vec<Point> {
+    let mut cut = vec![path[0]];
+    for pair in path[1..].windows(2) {
+        let (from, corner, to) = (cut[cut.len() - 1], pair[0], pair[1]);
+        if problem.is_clear(from, to) {
+            continue;
+        }
+        let between = |point: Point, share: f64| {
+            [corner[0] + share * (point[0] - corner[0]), corner[1] + share * (point[1] - corner[1])]
+        };
+        let mut share = 0.5;
+        while share > CUT_MIN && !problem.is_clear(between(from, share), between(to, share)) {
+            share *= 0.5;
+        }
+        if share > CUT_MIN {
+            cut.extend([between(from, share), between(to, share)]);
+        } else {
+            cut.push(corner);
+        }
+    }
+    cut.push(path[path.len() - 1]);
+    cut
 }
 
 /// From every point straight to the last one that it can be joined with.
