@@ -20,7 +20,7 @@ from typing import Annotated, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import AfterValidator, Field
 from pydantic.dataclasses import dataclass
 
 from navrl import _navsim
@@ -35,6 +35,18 @@ PLANNERS: tuple[Planner, ...] = get_args(Planner)
 Status = Literal["found", "no path", "start in collision", "goal in collision", "too coarse", "budget spent"]
 """How a plan ends: see Plan.status."""
 
+
+def _spacing(value: float) -> float:
+    if 0 < value < SPACING_MIN:
+        raise ValueError("points that close would be too many")
+    return value
+
+
+SPACING_MIN = 1e-3
+"""Least distance (m) of neighbouring points, if there is one."""
+_Spacing = Annotated[
+    float, Field(ge=0, le=1000, description="0 or a number in [0.001, 1000]"), AfterValidator(_spacing)
+]
 _Cell = Annotated[float, Field(ge=1e-3, le=100)]
 _Crew = Annotated[int, Field(ge=1, le=10_000)]
 
@@ -68,7 +80,7 @@ class PlannerConfig:
     """Longest search (s) of "rrt", "rrtstar" and "antcolony"; 0: none, and then a seed always gives the same path."""
     shortcut: bool = True
     """Whether a path is pulled tight."""
-    spacing: Annotated[float, Field(ge=0, le=1000)] = 0.1
+    spacing: _Spacing = 0.1
     """Largest distance (m) of neighbouring points of a path, 0 or at least 0.001; 0 leaves its corners only."""
 
 
