@@ -7,7 +7,8 @@ import threading
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import FrozenInstanceError, asdict, fields
-from typing import Any
+from pathlib import Path
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -17,8 +18,9 @@ from navrl import _navsim
 from navrl.batch import Scenario, draw_list
 from navrl.config import RobotConfig, SimConfig, WorldConfig
 from navrl.errors import ConfigError
-from navrl.planners import PLANNERS, Lookahead, Plan, Planner, PlannerConfig, plan, plan_all
+from navrl.planners import PLANNERS, Lookahead, Plan, Planner, PlannerConfig, Status, plan, plan_all
 
+ROOT = Path(__file__).parent.parent
 Points = NDArray[np.float64]
 LIGHT = PlannerConfig(samples=1500, ants=8, rounds=8)
 """Less work than the defaults."""
@@ -280,13 +282,25 @@ def test_the_core_takes_what_python_takes() -> None:
             _navsim.plan(here, "astar", 0.25, json.dumps(broken), 0, 0)
 
 
+def test_the_page_says_what_is_so() -> None:
+    page = (ROOT / "docs/plan-on-your-own-world.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+)` \| `([\w.]+)` \|", page, re.MULTILINE)
+    assert rows == [(name, str(value)) for name, value in asdict(PlannerConfig()).items()]
+    statuses = re.findall(r"^\| `([a-z ]+)` \| (?!`)", page.split("## Which planner")[0], re.MULTILINE)
+    assert tuple(statuses) == get_args(Status)
+    lines = (ROOT / "docs/examples/office.jsonl").read_text(encoding="utf-8").splitlines()
+    with pytest.raises(ValueError, match="resolution") as refusal:
+        plan(Scenario.from_json(lines[3]), config=PlannerConfig(resolution=1e-3))
+    assert f"    {refusal.value}\n" in page
+
+
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
         ({"planner": "a*"}, "planner = 'a*': expected one of astar, dijkstra, rrt, rrtstar, antcolony, fmm"),
         ({"radius": 0.0}, "radius = 0: expected a number above 0"),
         ({"radius": math.nan}, "radius = NaN: expected a number above 0"),
-        ({"radius": 2000.0}, "radius = 2000.05: expected radius and margin together in (0, 1000]"),
+        ({"radius": 2000.0}, "radius = 2000.1: expected radius and margin together in (0, 1000]"),
         ({"seed": -1}, "seed = -1: expected 0 to "),
         ({"index": 2**32}, "index = 4294967296: expected 0 to "),
         (

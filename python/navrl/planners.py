@@ -56,7 +56,7 @@ _Crew = Annotated[int, Field(ge=1, le=10_000)]
 class PlannerConfig:
     """Settings of all planners; each reads its own."""
 
-    margin: Annotated[float, Field(ge=0, le=100)] = 0.05
+    margin: Annotated[float, Field(ge=0, le=100)] = 0.1
     """Clearance (m) wanted beyond the radius. Where start, goal or every way is narrower, half of it; then none."""
     resolution: _Cell = 0.05
     """Side of a cell (m) of "astar", "dijkstra" and "fmm"; a map has at most 10 million cells."""

@@ -7,7 +7,7 @@ use super::problem::Problem;
 const PIECES: f64 = 200.0;
 /// Most times that all corners are cut.
 const PASSES: usize = 40;
-/// Share of the length that a pass must win for another one.
+/// Share of the length that a corner must win to be cut, and a pass for another one.
 const WIN: f64 = 1e-5;
 /// Smallest share of its two sides at which a corner is cut.
 const CUT_MIN: f64 = 0.01;
@@ -52,7 +52,7 @@ pub(crate) fn pull_tight(problem: &Problem, path: &mut Vec<Point>) {
     }
     let mut before = length(path);
     for _ in 0..PASSES {
-        *path = cut_corners(problem, path);
+        *path = cut_corners(problem, path, WIN * before);
         let now = length(path);
         if now > (1.0 - WIN) * before {
             break;
@@ -62,8 +62,9 @@ pub(crate) fn pull_tight(problem: &Problem, path: &mut Vec<Point>) {
     cut(problem, path);
 }
 
-/// Cuts every corner straight across, as deep as is clear: that of a taut path lies at an obstacle.
-fn cut_corners(problem: &Problem, path: &[Point]) -> Vec<Point> {
+/// Cuts every corner straight across, as deep as is clear, where that wins `least` (m): that of a taut path lies at an
+/// obstacle.
+fn cut_corners(problem: &Problem, path: &[Point], least: f64) -> Vec<Point> {
     let mut cut = vec![path[0]];
     for pair in path[1..].windows(2) {
         let (from, corner, to) = (cut[cut.len() - 1], pair[0], pair[1]);
@@ -77,8 +78,9 @@ fn cut_corners(problem: &Problem, path: &[Point]) -> Vec<Point> {
         while share > CUT_MIN && !problem.is_clear(between(from, share), between(to, share)) {
             share *= 0.5;
         }
-        if share > CUT_MIN {
-            cut.extend([between(from, share), between(to, share)]);
+        let across = [between(from, share), between(to, share)];
+        if share > CUT_MIN && share * length(&[from, corner, to]) - length(&across) > least {
+            cut.extend(across);
         } else {
             cut.push(corner);
         }
