@@ -2,8 +2,8 @@
 //!
 //! Dorigo, Maniezzo and Colorni, "Ant system", IEEE Transactions on Systems, Man, and Cybernetics B 26, 1996; trails
 //! between two limits that only the best ways strengthen: Stuetzle and Hoos, "MAX-MIN ant system", Future Generation
-//! Computer Systems 16, 2000. An ant never visits a node twice and turns back where it is stuck, so that it comes to the
-//! goal if there is a way; its way is then freed of its loops.
+//! Computer Systems 16, 2000. An ant never visits a node twice and turns back where it is stuck, so that it comes to
+//! the goal if there is a way; its way is then freed of its loops.
 
 use super::budget::Budget;
 use super::config::PlannerConfig;
@@ -25,8 +25,8 @@ struct Colony<'a> {
     goals: &'a [Anchor],
     /// Strength of the trail from each node along each of `STEPS`.
     trails: Vec<[f32; 8]>,
-    /// Attraction of each step by its direction, in ratio to the best: exp(weight (cos angle - 1)), for 64 directions of
-    /// the goal.
+    /// Attraction of each step by its direction, in ratio to the best: exp(weight (cos angle - 1)), for 64 directions
+    /// of the goal.
     pulls: Vec<[f32; 8]>,
     /// The ant that visited each node last, by number from 1.
     visited: Vec<u32>,

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlannerConfig {
-    /// Clearance that is wanted beyond the robot's radius, m, 0 to 100. Where start, goal or every way is narrower, half of
-    /// it, and then none.
+    /// Clearance that is wanted beyond the robot's radius, m, 0 to 100. Where start, goal or every way is narrower,
+    /// half of it, and then none.
     pub margin: f64,
     /// Side of a cell of `astar`, `dijkstra` and `fmm`, m, in [0.001, 100].
     pub resolution: f64,

@@ -10,8 +10,8 @@ const STEP: f64 = 0.5;
 /// Share of its length by which a step must bring the goal nearer.
 const DESCENT: f64 = 0.5;
 
-/// The path from the problem's start down `field`, which was marched on `map` from the goal; `None` if the start cannot be
-/// joined to a node that was reached.
+/// The path from the problem's start down `field`, which was marched on `map` from the goal; `None` if the start cannot
+/// be joined to a node that was reached.
 pub(crate) fn descend(problem: &Problem, map: &Map, field: &Field) -> Option<Vec<Point>> {
     let tail = TAIL_CELLS * map.grid.cell;
     let (mut point, mut value) = (problem.start, f64::INFINITY);
@@ -44,8 +44,8 @@ fn step(problem: &Problem, field: &Field, point: Point) -> Option<(Point, f64)> 
     (there < here - DESCENT * length && problem.is_clear(point, next)).then_some((next, there))
 }
 
-/// To the node around `point` over which the goal is nearest, among those that are nearer than `value` (m). There always
-/// is one where a march came: the whole of a cell between four free nodes is free.
+/// To the node around `point` over which the goal is nearest, among those that are nearer than `value` (m). There
+/// always is one where a march came: the whole of a cell between four free nodes is free.
 fn hop(problem: &Problem, map: &Map, field: &Field, point: Point, value: f64) -> Option<(Point, f64)> {
     let nodes = map.around(problem, point).into_iter().map(|(node, away)| (node, away, field.distances()[node]));
     let lower = nodes.filter(|(_, _, distance)| *distance < value);

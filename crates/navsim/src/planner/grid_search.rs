@@ -1,9 +1,9 @@
 //! A* and Dijkstra's algorithm on a map: eight neighbours, the shortest way between two sets of nodes.
 //!
 //! A* is led by the octile distance (Hart, Nilsson and Raphael, "A formal basis for the heuristic determination of
-//! minimum cost paths", IEEE Transactions on Systems Science and Cybernetics 4, 1968). The queue is a ring of buckets of
-//! half a cell (Dial, "Algorithm 360: shortest-path forest with topological ordering", CACM 12, 1969): nodes of one bucket
-//! are taken in any order, and once more if they turn out to be nearer than thought.
+//! minimum cost paths", IEEE Transactions on Systems Science and Cybernetics 4, 1968). The queue is a ring of buckets
+//! of half a cell (Dial, "Algorithm 360: shortest-path forest with topological ordering", CACM 12, 1969): nodes of one
+//! bucket are taken in any order, and once more if they turn out to be nearer than thought.
 
 use super::fast_marching::Grid;
 use super::inflated::Point;
@@ -47,9 +47,9 @@ pub(crate) struct Route {
     pub expansions: u64,
 }
 
-/// The shortest way from one of `starts` to one of `goals` (in rising order), the lengths of their anchors included. With a
-/// `lead`, a point amid the goals, the octile distance to it leads the search (A*); without, all directions are alike
-/// (Dijkstra).
+/// The shortest way from one of `starts` to one of `goals` (in rising order), the lengths of their anchors included.
+/// With a `lead`, a point amid the goals, the octile distance to it leads the search (A*); without, all directions are
+/// alike (Dijkstra).
 pub(crate) fn search(map: &Map, starts: &[Anchor], goals: &[Anchor], lead: Option<Point>) -> Route {
     let mut search = Search::new(map, goals, lead);
     for &(node, length) in starts {

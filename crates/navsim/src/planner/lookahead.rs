@@ -65,9 +65,10 @@ impl Lookahead {
 
     /// Writes the intermediate goal of each robot at `positions` (m) to `targets`.
     ///
-    /// The robot's place on its path is the point nearest to it between where it was and one look-ahead distance further
-    /// on: it never goes back, and where the path crosses itself it does not jump. The target lies the look-ahead distance
-    /// beyond, or is the goal itself where the path ends before; a robot without a path drives at its goal.
+    /// The robot's place on its path is the point nearest to it between where it was and one look-ahead distance
+    /// further on: it never goes back, and where the path crosses itself it does not jump. The target lies the
+    /// look-ahead distance beyond, or is the goal itself where the path ends before; a robot without a path drives at
+    /// its goal.
     ///
     /// # Errors
     /// A position that is not finite, or arrays of another length; nothing has changed then.

@@ -4,10 +4,10 @@
 //! part of the goal (`goal_disc`), fast marching as a guide (`fast_marching`, `guide`), the shortest taut string
 //! (`taut_string`). It gives lengths, which others are measured by.
 //!
-//! `plan` finds paths in the ways that robots use: on a map (`occupancy`) by A* or Dijkstra (`grid_search`), down a field of
-//! distances (`descent`) or by ants (`ant_colony`), or by random trees (`rrt`, `rrt_star`, over `neighbours`). A
-//! `problem` says exactly what is clear; every path is pulled tight and divided (`smooth`). `lookahead` leads robots along
-//! their paths.
+//! `plan` finds paths in the ways that robots use: on a map (`occupancy`) by A* or Dijkstra (`grid_search`), down a
+//! field of distances (`descent`) or by ants (`ant_colony`), or by random trees (`rrt`, `rrt_star`, over `neighbours`).
+//! A `problem` says exactly what is clear; every path is pulled tight and divided (`smooth`). `lookahead` leads robots
+//! along their paths.
 
 mod ant_colony;
 mod budget;

@@ -52,8 +52,8 @@ impl Neighbours {
         number
     }
 
-    /// Fills `found` with the `count` (> 0) points nearest to `place`, or all there are: distance (m) and number of each, in
-    /// rising order of both.
+    /// Fills `found` with the `count` (> 0) points nearest to `place`, or all there are: distance (m) and number of
+    /// each, in rising order of both.
     pub fn closest(&self, place: Point, count: usize, found: &mut Vec<(f64, usize)>) {
         found.clear();
         let (column, row) = self.square(place);

@@ -1,8 +1,8 @@
 //! The free places of a known world on a grid.
 //!
 //! The grid is conservative, as that of `world::free_space`: a node is free if its clearance is at least
-//! sqrt(R^2 + h^2/2), h the side of a cell. Then a disc of radius R rolls between any two neighbours, diagonal ones too,
-//! and anywhere within a cell of four free nodes: with weights w_i that sum to 1 and an obstacle point k,
+//! sqrt(R^2 + h^2/2), h the side of a cell. Then a disc of radius R rolls between any two neighbours, diagonal ones
+//! too, and anywhere within a cell of four free nodes: with weights w_i that sum to 1 and an obstacle point k,
 //! |sum w_i c_i - k|^2 = sum w_i |c_i - k|^2 - sum w_i |c_i - sum w_j c_j|^2 >= R^2 + h^2/2 - h^2/2. So no edge needs a
 //! test of its own and no corner is cut. What is lost are passages little wider than 2 R.
 

@@ -109,8 +109,8 @@ pub struct Plan {
 /// `seed` and `index` name the random numbers of `rrt`, `rrtstar` and `antcolony`.
 ///
 /// # Errors
-/// A scenario, radius or setting out of range, or a map of more than 10 million nodes (for ants of 1 million). That there is no path is no error
-/// but a `Status`.
+/// A scenario, radius or setting out of range, or a map of more than 10 million nodes (for ants of 1 million). That
+/// there is no path is no error but a `Status`.
 pub fn plan(
     scenario: &Scenario,
     planner: Planner,

@@ -11,7 +11,7 @@ use crate::world::Scenario;
 const GUARD: f64 = 2e-9;
 /// Share of the goal's radius by which a path ends within the circle: who reaches its end has reached the goal.
 const DEPTH: f64 = 1e-3;
-/// Largest clearance, m: beyond it no built-in coordinate has a meaning.
+/// Largest clearance, m: that of the largest coordinate.
 const CLEARANCE_MAX: f64 = 1000.0;
 
 /// A known world for one way.
@@ -30,9 +30,9 @@ pub(crate) struct Problem {
 }
 
 impl Problem {
-    /// The way of `scenario` at a `clearance` (m, in (0, 1000]) of the robot's centre from every shape: its radius, for a
-    /// rectangle that of the circle around it, and what it shall keep beyond. `room` (m, >= 0) is left free around all
-    /// shapes beside what the robot needs to drive around them.
+    /// The way of `scenario` at a `clearance` (m, in (0, 1000]) of the robot's centre from every shape: its radius, for
+    /// a rectangle that of the circle around it, and what it shall keep beyond. `room` (m, >= 0) is left free around
+    /// all shapes beside what the robot needs to drive around them.
     ///
     /// # Errors
     /// What `Scenario::validate` refuses, or a clearance out of range.

@@ -9,8 +9,8 @@ use super::neighbours::Neighbours;
 use super::problem::Problem;
 use crate::rng::Stream;
 
-/// Grows a tree from the start, by at most `step` (m) towards every sample, until a straight way of at most `step` leads
-/// from a new point into the goal circle. `None` if the budget is spent first.
+/// Grows a tree from the start, by at most `step` (m) towards every sample, until a straight way of at most `step`
+/// leads from a new point into the goal circle. `None` if the budget is spent first.
 pub(crate) fn rrt(
     problem: &Problem,
     config: &PlannerConfig,

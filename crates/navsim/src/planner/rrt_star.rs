@@ -32,7 +32,8 @@ struct Tree<'a> {
     ends: Vec<(usize, f64)>,
 }
 
-/// The shortest path after all samples of the budget, or `None`. Its length never rises with more samples of one stream.
+/// The shortest path after all samples of the budget, or `None`. Its length never rises with more samples of one
+/// stream.
 pub(crate) fn rrt_star(
     problem: &Problem,
     config: &PlannerConfig,

@@ -38,8 +38,8 @@ fn entry(outside: Point, inside: Point, center: Point, radius: f64) -> Point {
 
 /// Shortens a path by straight lines that keep the clearance, up to where it is taut. Start and goal stay.
 ///
-/// A path that can be led on to the goal's centre is pulled tight towards that: the shortest way into a circle points at
-/// its centre.
+/// A path that can be led on to the goal's centre is pulled tight towards that: the shortest way into a circle points
+/// at its centre.
 pub(crate) fn pull_tight(problem: &Problem, path: &mut Vec<Point>) {
     if let Some(end) = path.last().copied().filter(|end| apart(*end, problem.goal) > 0.0)
         && problem.is_clear(end, problem.goal)
