@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from functools import wraps
 from typing import Any, TypeVar, get_type_hints
@@ -48,7 +48,7 @@ def _refusal(table: type, error: ValidationError, values: tuple[Any, ...], named
     if path:
         key = f"{path}{first}"
         fault = out_of_range(key, given[first]) if first in names else unknown_key(path[:-1], first)
-    elif table is not _tree():
+    elif not any(is_dataclass(kind) for kind in get_type_hints(table).values()):
         fault = _fault_alone(table, first, given[first])
     elif first in names:
         fault = f"{first} = {shown(given[first])}: must be a {get_type_hints(table)[first].__name__}"
