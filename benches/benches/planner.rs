@@ -1,8 +1,10 @@
-//! Shortest paths with a detour through random worlds of many shapes, and a field of arrival times.
+//! Shortest paths with a detour through random worlds of many shapes, a field of arrival times, and every planner.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use navsim::planner::{Field, Grid, needs_detour, shortest_path};
+use navsim::Scenario;
+use navsim::planner::{Field, Grid, Planner, PlannerConfig, needs_detour, plan, shortest_path};
+use navsim::pose::Pose;
 use navsim::rng::{Purpose, Split, Stream, StreamName};
 use navsim::world::Shape;
 use std::f64::consts::{PI, TAU};
@@ -61,5 +63,40 @@ fn planner(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, planner);
+/// Settings as in Python, but a map of about 1,000 x 1,000 nodes.
+const SETTINGS: PlannerConfig = PlannerConfig {
+    margin: 0.0,
+    resolution: 0.01,
+    ant_resolution: 0.2,
+    step: 0.5,
+    samples: 5000,
+    goal_bias: 0.05,
+    ants: 32,
+    rounds: 30,
+    evaporation: 0.2,
+    goal_weight: 2.0,
+    time_limit: 0.0,
+    shortcut: true,
+    spacing: 0.1,
+};
+
+fn plans(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("plan");
+    group.sample_size(20);
+    let task = |(shapes, start, goal): (Vec<Shape>, [f64; 2], [f64; 2])| {
+        let start = Pose::new(start[0], start[1], 0.0);
+        Scenario { start, goal, goal_radius: 0.3, time_limit: 50.0, shapes, shortest: None }
+    };
+    let routes = (0..1000).filter_map(|seed| route(large_box, 16, 4.6, 0.25, seed));
+    let tasks: Vec<Scenario> = routes.take(8).map(task).collect();
+    for (name, planner) in Planner::ALL {
+        let mut next = tasks.iter().cycle();
+        group.bench_function(format!("{name}, 16 boxes, 9.2 m"), |bencher| {
+            bencher.iter(|| next.next().map(|task| plan(task, planner, 0.25, &SETTINGS, 0, 0).unwrap().length));
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, planner, plans);
 criterion_main!(benches);
