@@ -15,6 +15,8 @@ pub enum Purpose {
     Noise = 1,
     /// Beams that the lidar loses.
     LostBeams = 2,
+    /// Samples of a controller.
+    Control = 3,
 }
 
 /// Which part of the experiment a stream belongs to; the four lists never share a world with training or each other.

@@ -15,6 +15,7 @@ pub use bins::Bins;
 pub use fan::beam_angle;
 pub use isa::Isa;
 pub(crate) use isa::{DefaultMode, prefetch};
+pub(crate) use noise::{draw_normals, sin_turn};
 
 use crate::config::{Caster, LidarConfig};
 use crate::error::Result;

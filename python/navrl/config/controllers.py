@@ -1,0 +1,150 @@
+"""Settings of the classical controllers: part of the configuration tree, with the ranges that `navrl tune` searches."""
+
+from dataclasses import dataclass as plain_dataclass
+from typing import Annotated
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from navrl.config.faults import STRICT, one_line
+
+
+@plain_dataclass(frozen=True)
+class Search:
+    """The part of a setting's range that `navrl tune` searches."""
+
+    low: float
+    """Smallest value tried."""
+    high: float
+    """Largest value tried."""
+    log: bool = False
+    """Whether values are drawn uniformly by their logarithm."""
+
+
+_Weight = Field(ge=0, le=1e6)
+_Gain = Field(ge=0, le=1000)
+_Distance = Field(ge=1e-3, le=1000)
+_Margin = Annotated[float, Field(ge=0, le=10), Search(0.01, 0.1)]
+
+
+@one_line
+@dataclass(frozen=True, config=STRICT)
+class DwaConfig:
+    """Dynamic window `dwa` (Fox, Burgard, Thrun 1997); `dwa-1997` has the weights 2, 0.2, 0.2 and the rest from here."""
+
+    heading: Annotated[float, _Weight, Search(0.1, 4, log=True)] = 1.0
+    """Weight of the share of a half turn by which the robot at the horizon looks to the goal."""
+    clearance: Annotated[float, _Weight, Search(0.05, 4, log=True)] = 0.4
+    """Weight of the free way along the arc as a share of clearance_max."""
+    speed: Annotated[float, _Weight, Search(0.05, 4, log=True)] = 1.0
+    """Weight of the forward speed as a share of v_max."""
+    horizon: Annotated[float, Field(ge=1e-3, le=60), Search(0.2, 3)] = 1.0
+    """Time after which the heading is judged (s); at most half the way to the goal."""
+    clearance_max: Annotated[float, _Distance, Search(0.4, 4)] = 2.0
+    """A free way of this length (m), or to the goal, counts in full."""
+    margin: _Margin = 0.03
+    """Added to the robot's radius (m)."""
+    reaction: Annotated[float, Field(ge=0, le=10), Search(0.1, 0.6)] = 0.1
+    """Time (s) that a command acts before the robot can brake."""
+    v_samples: Annotated[int, Field(ge=2, le=1001)] = 11
+    """Forward speeds that are tried, from the window's smallest to its largest."""
+    omega_samples: Annotated[int, Field(ge=2, le=1001)] = 21
+    """Turning speeds that are tried, from the window's smallest to its largest."""
+
+
+@one_line
+@dataclass(frozen=True, config=STRICT)
+class ApfConfig:
+    """Artificial potential field `apf` (Khatib 1986): an attraction of 1 and the repulsion of all beams."""
+
+    repulsion: Annotated[float, _Weight, Search(0.001, 1, log=True)] = 0.03
+    """Weight of the repulsion (m^2 per radian of beams)."""
+    reach: Annotated[float, _Distance, Search(0.2, 2)] = 0.8
+    """Clearance at which the repulsion begins (m)."""
+    turn_gain: Annotated[float, _Gain, Search(0.5, 10, log=True)] = 3.0
+    """Turning speed per angle to the force (1/s)."""
+
+
+@one_line
+@dataclass(frozen=True, config=STRICT)
+class GapConfig:
+    """Gap following `gap` in the manner of VFH+ (Ulrich, Borenstein 1998)."""
+
+    reach: Annotated[float, _Distance, Search(0.3, 3)] = 1.0
+    """A direction is free if the robot can drive so far in it (m), or to the goal."""
+    margin: _Margin = 0.05
+    """Added to the robot's radius (m)."""
+    goal: Annotated[float, _Weight, Search(0.2, 5, log=True)] = 1.0
+    """Cost of a direction per angle to the goal (1/rad)."""
+    heading: Annotated[float, _Weight, Search(0.05, 5, log=True)] = 0.5
+    """Cost of a direction per angle to the heading (1/rad)."""
+    border: Annotated[float, Field(ge=0, le=3.2), Search(0, 0.6)] = 0.1
+    """How far from the border of a wide gap the robot aims (rad)."""
+    turn_gain: Annotated[float, _Gain, Search(0.5, 10, log=True)] = 3.0
+    """Turning speed per angle to the chosen direction (1/s)."""
+    slow_distance: Annotated[float, _Distance, Search(0.1, 2)] = 0.6
+    """Free way ahead (m) below which the robot slows."""
+
+
+@one_line
+@dataclass(frozen=True, config=STRICT)
+class MppiConfig:
+    """Model predictive path integral control `mppi` (Williams and others 2017)."""
+
+    samples: Annotated[int, Field(ge=1, le=65536)] = 1000
+    """Sampled sequences of commands."""
+    steps: Annotated[int, Field(ge=1, le=1000)] = 56
+    """Commands of a sequence."""
+    step: Annotated[float, Field(ge=1e-3, le=10)] = 0.05
+    """Time that a command of a sequence lasts (s)."""
+    temperature: Annotated[float, Field(ge=1e-6, le=1e6), Search(0.03, 3, log=True)] = 0.3
+    """Cost by which a sequence loses a factor e of weight."""
+    v_noise: Annotated[float, Field(ge=0, le=100), Search(0.05, 0.5)] = 0.2
+    """Standard deviation of the forward speed's noise (m/s)."""
+    omega_noise: Annotated[float, Field(ge=0, le=100), Search(0.1, 1.5)] = 0.4
+    """Standard deviation of the turning speed's noise (rad/s)."""
+    goal: Annotated[float, _Weight, Search(0.5, 20, log=True)] = 5.0
+    """Cost per metre to the goal and second."""
+    obstacle: Annotated[float, _Weight, Search(0.1, 50, log=True)] = 5.0
+    """Cost per second at an obstacle; it falls with the square of the clearance to 0 at inflation."""
+    inflation: Annotated[float, _Distance, Search(0.05, 1)] = 0.4
+    """Clearance (m) at which obstacles begin to cost."""
+    margin: _Margin = 0.03
+    """Added to the robot's radius (m)."""
+    collision: Annotated[float, _Weight] = 1000.0
+    """Cost per second in contact."""
+
+
+@one_line
+@dataclass(frozen=True, config=STRICT)
+class PursuitConfig:
+    """Regulated pure pursuit `pursuit` (Macenski and others 2023): follows a path or a goal, stops, does not avoid."""
+
+    lookahead: Annotated[float, _Distance, Search(0.2, 1.2)] = 0.5
+    """Distance (m) of the point of the path that is pursued."""
+    turn_in_place: Annotated[float, Field(ge=0, le=3.2), Search(0.3, 1.6)] = 0.8
+    """A larger angle to that point is turned away in place (rad)."""
+    turn_gain: Annotated[float, _Gain, Search(0.5, 10, log=True)] = 3.0
+    """Turning speed per angle while turning in place (1/s)."""
+    radius_min: Annotated[float, Field(ge=0, le=1000), Search(0.1, 1.5)] = 0.6
+    """Arcs of a smaller radius (m) are driven slower in proportion."""
+    approach: Annotated[float, Field(ge=0, le=1000)] = 0.3
+    """Distance to the goal (m) below which the robot slows in proportion."""
+    v_min: Annotated[float, Field(ge=0, le=100)] = 0.05
+    """Slowest forward speed (m/s) while it slows."""
+    stop_time: Annotated[float, Field(ge=0, le=60), Search(0, 1)] = 0.2
+    """The robot stops unless the free way along its arc lasts so long (s) at its speed."""
+    margin: Annotated[float, Field(ge=0, le=10)] = 0.02
+    """Added to the robot's radius (m)."""
+
+
+@one_line
+@dataclass(frozen=True, config=STRICT)
+class ControllersConfig:
+    """The settings of all classical controllers."""
+
+    dwa: DwaConfig = DwaConfig()
+    apf: ApfConfig = ApfConfig()
+    gap: GapConfig = GapConfig()
+    mppi: MppiConfig = MppiConfig()
+    pursuit: PursuitConfig = PursuitConfig()
