@@ -32,11 +32,11 @@ _Margin = Annotated[float, Field(ge=0, le=10), Search(0.01, 0.1)]
 class DwaConfig:
     """Dynamic window `dwa` (Fox, Burgard, Thrun 1997); `dwa-1997` has the weights 2, 0.2, 0.2 and the rest from here."""
 
-    heading: Annotated[float, _Weight, Search(0.1, 4, log=True)] = 1.0
+    heading: Annotated[float, _Weight] = 1.0
     """Weight of the share of a half turn by which the robot at the horizon looks to the goal."""
-    clearance: Annotated[float, _Weight, Search(0.05, 4, log=True)] = 0.4
+    clearance: Annotated[float, _Weight, Search(0.1, 20, log=True)] = 0.4
     """Weight of the free way along the arc as a share of clearance_max."""
-    speed: Annotated[float, _Weight, Search(0.05, 4, log=True)] = 1.0
+    speed: Annotated[float, _Weight, Search(0.1, 20, log=True)] = 1.0
     """Weight of the forward speed as a share of v_max."""
     horizon: Annotated[float, Field(ge=1e-3, le=60), Search(0.2, 3)] = 1.0
     """Time after which the heading is judged (s); at most half the way to the goal."""
@@ -74,7 +74,7 @@ class GapConfig:
     """A direction is free if the robot can drive so far in it (m), or to the goal."""
     margin: _Margin = 0.05
     """Added to the robot's radius (m)."""
-    goal: Annotated[float, _Weight, Search(0.2, 5, log=True)] = 1.0
+    goal: Annotated[float, _Weight] = 1.0
     """Cost of a direction per angle to the goal (1/rad)."""
     heading: Annotated[float, _Weight, Search(0.05, 5, log=True)] = 0.5
     """Cost of a direction per angle to the heading (1/rad)."""

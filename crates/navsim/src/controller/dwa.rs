@@ -60,12 +60,13 @@ impl Dwa {
         let reach = (self.config.clearance_max as f32).min(sight.goal_distance).max(1e-3);
         let farthest = reach.max(self.stopping_way(limits, v_high));
         self.arcs.prepare(sight.scene, limits.radius + self.config.margin as f32, farthest);
-        let (mut best, mut slowest) = ((f32::NEG_INFINITY, [0.0; 2]), (f32::NEG_INFINITY, [v_low, 0.0]));
+        let mut best = (f32::NEG_INFINITY, [0.0; 2]);
+        let mut slowest = (f32::NEG_INFINITY, [v_low, 0.0]);
         for i in 0..v_samples {
             let v = sample(v_low, v_high, i, v_samples);
             for j in 0..omega_samples {
                 let omega = sample(omega_low, omega_high, j, omega_samples);
-                let way = if v > 0.0 { self.arcs.free_way(omega / v) } else { f32::INFINITY };
+                let way = self.free_way([v, omega]);
                 if i == 0 && way > slowest.0 {
                     slowest = (way, [v, omega]);
                 }
@@ -78,6 +79,16 @@ impl Dwa {
             }
         }
         if best.0 == f32::NEG_INFINITY { slowest.1 } else { best.1 }
+    }
+
+    /// Way (m) that is free along the arc of a command; of a turn in place, which is always admissible, the way straight
+    /// ahead at the horizon. (To call that endless, as one may read the original, makes standing still attractive.)
+    fn free_way(&self, [v, omega]: [f32; 2]) -> f32 {
+        if v > 0.0 {
+            self.arcs.free_way(omega / v)
+        } else {
+            self.arcs.free_way_after_turn(omega * self.config.horizon as f32)
+        }
     }
 
     /// Way (m) that stopping from `v` takes.

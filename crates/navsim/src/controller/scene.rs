@@ -126,22 +126,30 @@ impl Arcs {
     /// a u^2 - 2 x u + q = 0, a = 1 - curvature y + curvature^2 q / 4. The first root ahead is q / (x + sqrt(x^2 - a q)).
     pub fn free_way(&self, curvature: f32) -> f32 {
         let quarter = 0.25 * curvature * curvature;
+        let u = self.first_root(|x, y, q| (x, 1.0 - curvature * y + quarter * q));
+        let half = 0.5 * curvature.abs();
+        if half < 1e-4 || u == f32::INFINITY { u } else { libm::atanf(half * u) / half }
+    }
+
+    /// Way (m) that the disc drives straight on, once it has turned in place by `angle` (rad).
+    pub fn free_way_after_turn(&self, angle: f32) -> f32 {
+        let (sin, cos) = libm::sincosf(angle);
+        self.first_root(|x, y, _| (cos * x + sin * y, 1.0))
+    }
+
+    /// Smallest positive root u of a u^2 - 2 b u + q = 0 over all points, whose (x, y, q) `factors` turns into (b, a).
+    #[inline(always)]
+    fn first_root(&self, factors: impl Fn(f32, f32, f32) -> (f32, f32)) -> f32 {
         // The largest 1 / u of each lane; a square root of a negative number is NaN, which is never larger.
         let mut nearest = [0.0; GROUP];
         for Group { x, y, q, inverse } in &self.groups {
             for lane in 0..GROUP {
-                let a = 1.0 - curvature * y[lane] + quarter * q[lane];
-                let root = (x[lane] * x[lane] - a * q[lane]).sqrt();
-                let inverse_u = (x[lane] + root) * inverse[lane];
+                let (b, a) = factors(x[lane], y[lane], q[lane]);
+                let inverse_u = (b + (b * b - a * q[lane]).sqrt()) * inverse[lane];
                 nearest[lane] = if inverse_u > nearest[lane] { inverse_u } else { nearest[lane] };
             }
         }
-        let largest = nearest.iter().fold(0.0, |most: f32, &one| most.max(one));
-        if largest == 0.0 {
-            return f32::INFINITY;
-        }
-        let half = 0.5 * curvature.abs();
-        if half < 1e-4 { 1.0 / largest } else { libm::atanf(half / largest) / half }
+        1.0 / nearest.iter().fold(0.0, |most: f32, &one| most.max(one))
     }
 }
 
