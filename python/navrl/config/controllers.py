@@ -1,7 +1,7 @@
 """Settings of the classical controllers: part of the configuration tree, with the ranges that `navrl tune` searches."""
 
 from dataclasses import dataclass as plain_dataclass
-from typing import Annotated
+from typing import Annotated, Literal, get_type_hints
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
@@ -34,9 +34,9 @@ class DwaConfig:
 
     heading: Annotated[float, _Weight] = 1.0
     """Weight of the share of a half turn by which the robot at the horizon looks to the goal."""
-    clearance: Annotated[float, _Weight, Search(0.1, 20, log=True)] = 0.4
+    clearance: Annotated[float, _Weight, Search(0.1, 50, log=True)] = 0.4
     """Weight of the free way along the arc as a share of clearance_max."""
-    speed: Annotated[float, _Weight, Search(0.1, 20, log=True)] = 1.0
+    speed: Annotated[float, _Weight, Search(0.1, 50, log=True)] = 1.0
     """Weight of the forward speed as a share of v_max."""
     horizon: Annotated[float, Field(ge=1e-3, le=60), Search(0.2, 3)] = 1.0
     """Time after which the heading is judged (s); at most half the way to the goal."""
@@ -148,3 +148,14 @@ class ControllersConfig:
     gap: GapConfig = GapConfig()
     mppi: MppiConfig = MppiConfig()
     pursuit: PursuitConfig = PursuitConfig()
+
+
+Tunable = Literal["dwa", "apf", "gap", "mppi"]
+"""Controllers that have settings to search."""
+
+
+def searched(name: Tunable) -> dict[str, Search]:
+    """What `navrl tune` varies of a controller, by key."""
+    hints = get_type_hints(get_type_hints(ControllersConfig)[name], include_extras=True)
+    parts = {key: [part for part in getattr(hint, "__metadata__", ()) if isinstance(part, Search)] for key, hint in hints.items()}
+    return {key: found[0] for key, found in parts.items() if found}
