@@ -14,6 +14,9 @@ const LANES: usize = 16;
 /// Random blocks of one call of `draw_normals`, which gives two steps of noise to all lanes.
 const DRAW: usize = 4 * LANES;
 
+/// How much nearer (m) than now a robot within the margin may come: the map's interpolation is no better.
+const TOLERANCE: f32 = 0.001;
+
 /// Commands (v m/s, omega rad/s) of the coming steps: what a robot remembers from its last decision.
 pub(super) type Plan = Vec<[f32; 2]>;
 
@@ -22,7 +25,8 @@ pub(super) type Plan = Vec<[f32; 2]>;
 pub(super) struct Mppi {
     config: MppiConfig,
     map: ClearanceMap,
-    /// Commands of each group of samples: for each step the forward speeds, then the turning speeds.
+    /// Commands of each group of samples before any limit: for each step the forward speeds, then the turning speeds.
+    /// (The mean of commands that were cut off at 0 would never be 0.)
     commands: Vec<[[f32; LANES]; 2]>,
     costs: Vec<f32>,
 }
@@ -37,6 +41,8 @@ struct Step {
     collision_cost: f32,
     inflation: f32,
     radius: f32,
+    /// Clearance beyond the margin at which a sample touches: 0, or less where the robot already is within the margin.
+    contact: f32,
     /// Largest change of v and omega in a step.
     change: [f32; 2],
 }
@@ -50,6 +56,8 @@ struct Lane {
     turn: [f32; LANES],
     v: [f32; LANES],
     omega: [f32; LANES],
+    /// 1 until the sample touches something, then 0: it drives no farther.
+    free: [f32; LANES],
     cost: [f32; LANES],
 }
 
@@ -74,7 +82,7 @@ impl Mppi {
         for group in 0..self.config.samples.div_ceil(LANES) {
             self.drive(group, limits, sight, &step, plan, stream);
         }
-        self.average(plan);
+        self.average(limits, plan);
         let period = limits.period / self.config.step as f32;
         let first = mean_of_first(plan, period);
         shift(plan, period);
@@ -85,6 +93,7 @@ impl Mppi {
         let MppiConfig { step, goal, obstacle, inflation, margin, collision, .. } = self.config;
         let time = step as f32;
         let change = |acceleration: f32| if acceleration > 0.0 { acceleration * time } else { f32::INFINITY };
+        let radius = limits.radius + margin as f32;
         Step {
             time,
             goal: sight.goal,
@@ -92,7 +101,8 @@ impl Mppi {
             obstacle_cost: obstacle as f32 * time,
             collision_cost: collision as f32 * time,
             inflation: inflation as f32,
-            radius: limits.radius + margin as f32,
+            radius,
+            contact: (self.map.at(0.0, 0.0) - radius - TOLERANCE).min(0.0),
             change: [change(limits.acceleration), change(limits.angular_acceleration)],
         }
     }
@@ -113,13 +123,13 @@ impl Mppi {
             for i in 0..LANES {
                 let quiet = group == 0 && i == 0;
                 let scale = if quiet { 0.0 } else { 1.0 };
-                let wanted = [v + sigma[0] * scale * noise_v[i], omega + sigma[1] * scale * noise_omega[i]];
-                let v = near(wanted[0], lane.v[i], step.change[0]);
-                let omega = near(wanted[1], lane.omega[i], step.change[1]);
-                lane.v[i] = between(v, 0.0, limits.v_max);
+                command[0][i] = v + sigma[0] * scale * noise_v[i];
+                command[1][i] = omega + sigma[1] * scale * noise_omega[i];
+                let (v, omega) = (command[0][i], command[1][i]);
+                lane.v[i] = between(near(v, lane.v[i], step.change[0]), 0.0, limits.v_max);
+                let omega = near(omega, lane.omega[i], step.change[1]);
                 lane.omega[i] = between(omega, -limits.omega_max, limits.omega_max);
             }
-            *command = [lane.v, lane.omega];
             lane.advance(step);
             lane.charge(step, &self.map);
         }
@@ -127,7 +137,9 @@ impl Mppi {
     }
 
     /// Eq. (Williams): u[t] = sum of w_k u_k[t] / sum of w_k, w_k = exp(-(S_k - min S) / temperature)
-    fn average(&mut self, plan: &mut Plan) {
+    ///
+    /// The plan stays within one standard deviation of the limits, so that it comes back at once.
+    fn average(&mut self, limits: &Limits, plan: &mut Plan) {
         let samples = self.config.samples;
         let least = self.costs[..samples].iter().fold(f32::INFINITY, |least, &cost| least.min(cost));
         let temperature = self.config.temperature as f32;
@@ -147,7 +159,9 @@ impl Mppi {
             }
         }
         for (command, sum) in plan.iter_mut().zip(&sums) {
-            *command = sum.map(|part| part.iter().sum::<f32>() / total);
+            let [v, omega] = sum.map(|part| part.iter().sum::<f32>() / total);
+            let (v_slack, omega_most) = (self.config.v_noise as f32, limits.omega_max + self.config.omega_noise as f32);
+            *command = [between(v, -v_slack, limits.v_max + v_slack), between(omega, -omega_most, omega_most)];
         }
     }
 }
@@ -155,7 +169,8 @@ impl Mppi {
 impl Lane {
     fn at_rest([v, omega]: [f32; 2]) -> Self {
         let zero = [0.0; LANES];
-        Self { x: zero, y: zero, turn: zero, v: [v; LANES], omega: [omega; LANES], cost: zero }
+        let (v, omega, free) = ([v; LANES], [omega; LANES], [1.0; LANES]);
+        Self { x: zero, y: zero, turn: zero, v, omega, free, cost: zero }
     }
 
     /// Drives for one step along the heading in its middle.
@@ -164,7 +179,7 @@ impl Lane {
         for i in 0..LANES {
             let turned = self.omega[i] * step.time * (0.5 / PI);
             let middle = part_of_turn(self.turn[i] + 0.5 * turned);
-            let way = self.v[i] * step.time;
+            let way = self.free[i] * self.v[i] * step.time;
             self.x[i] += way * sin_turn(part_of_turn(middle + 0.25));
             self.y[i] += way * sin_turn(middle);
             self.turn[i] = part_of_turn(self.turn[i] + turned);
@@ -183,7 +198,8 @@ impl Lane {
             let distance = (dx * dx + dy * dy).sqrt();
             let near = 1.0 - clearance[i] / step.inflation;
             let near = if near > 0.0 { near } else { 0.0 };
-            let contact = if clearance[i] < 0.0 { step.collision_cost } else { 0.0 };
+            self.free[i] = if clearance[i] < step.contact { 0.0 } else { self.free[i] };
+            let contact = (1.0 - self.free[i]) * step.collision_cost;
             self.cost[i] += step.goal_cost * distance + step.obstacle_cost * near * near + contact;
         }
     }
