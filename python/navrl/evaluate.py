@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from navrl.batch import BatchSim, Scenario
 from navrl.config import SimConfig
-from navrl.controllers import Command, Commander, Remembering
+from navrl.controllers import Command, Commander, Controller, Remembering
 from navrl.durable import write_file
 from navrl.machine import cores
 from navrl.metrics import OUTCOMES, RUNNING, Episode, Scores, summarize
@@ -107,7 +107,7 @@ def evaluate(
             raise PolicyError("sim: must be given for a policy without a description of its robot")
         sim = own
     elif own is not None:
-        _check_same(own, sim)
+        _check_same(own, sim, contender)
     threads = num_threads or cores()
     if isinstance(scenarios, str):
         scenarios = load_list(sim, scenarios, num_threads=threads)
@@ -204,21 +204,9 @@ def _own_sim(contender: Contender) -> SimConfig | None:
     return sim if isinstance(sim, SimConfig) else None
 
 
-def check_fits(description: PolicyDescription, sim: SimConfig) -> None:
-    """Refuses to let a policy drive a robot that it was not trained for.
-
-    Args:
-        description: What the policy was trained for.
-        sim: What it is to drive.
-
-    Raises:
-        PolicyError: Names the first difference in limits, footprint, lidar or period.
-    """
-    _check_same(description.sim_config(), sim)
-
-
-def _check_same(own: SimConfig, sim: SimConfig) -> None:
-    """Refuses a contender for the robot of `own` in the simulator `sim`, with the first difference."""
+def _check_same(own: SimConfig, sim: SimConfig, contender: Contender) -> None:
+    """Refuses a contender for the robot `own` with the first difference in limits, footprint, lidar or period."""
+    made_for = "the controller was made for" if isinstance(contender, Controller) else "the policy was trained for"
     sizes = SIZES[own.robot.footprint]
     for table, keys in (
         ("robot", (*ROBOT_KEYS, "footprint", *sizes)),
@@ -228,7 +216,7 @@ def _check_same(own: SimConfig, sim: SimConfig) -> None:
         for key in keys:
             trained, asked = (getattr(getattr(config, table), key) for config in (own, sim))
             if trained != asked:
-                raise PolicyError(f"{table}.{key} = {asked}: the policy was trained for {trained}")
+                raise PolicyError(f"{table}.{key} = {asked}: {made_for} {trained}")
 
 
 def _episodes(simulator: BatchSim, scenarios: ScenarioList, period: float) -> list[Episode]:

@@ -34,17 +34,17 @@ class DwaConfig:
 
     heading: Annotated[float, _Weight] = 1.0
     """Weight of the share of a half turn by which the robot at the horizon looks to the goal."""
-    clearance: Annotated[float, _Weight, Search(0.1, 50, log=True)] = 0.4
+    clearance: Annotated[float, _Weight, Search(0.1, 50, log=True)] = 31.7
     """Weight of the free way along the arc as a share of clearance_max."""
-    speed: Annotated[float, _Weight, Search(0.1, 50, log=True)] = 1.0
+    speed: Annotated[float, _Weight, Search(0.1, 50, log=True)] = 7.025
     """Weight of the forward speed as a share of v_max."""
-    horizon: Annotated[float, Field(ge=1e-3, le=60), Search(0.2, 3)] = 1.0
+    horizon: Annotated[float, Field(ge=1e-3, le=60), Search(0.2, 3)] = 2.98
     """Time after which the heading is judged (s); at most half the way to the goal."""
-    clearance_max: Annotated[float, _Distance, Search(0.4, 4)] = 2.0
+    clearance_max: Annotated[float, _Distance, Search(0.4, 4)] = 2.78
     """A free way of this length (m), or to the goal, counts in full."""
-    margin: _Margin = 0.03
+    margin: _Margin = 0.01041
     """Added to the robot's radius (m)."""
-    reaction: Annotated[float, Field(ge=0, le=10), Search(0.1, 0.6)] = 0.1
+    reaction: Annotated[float, Field(ge=0, le=10), Search(0.1, 0.6)] = 0.4106
     """Time (s) that a command acts before the robot can brake."""
     v_samples: Annotated[int, Field(ge=2, le=1001)] = 11
     """Forward speeds that are tried, from the window's smallest to its largest."""
@@ -70,19 +70,19 @@ class ApfConfig:
 class GapConfig:
     """Gap following `gap` in the manner of VFH+ (Ulrich, Borenstein 1998)."""
 
-    reach: Annotated[float, _Distance, Search(0.3, 3)] = 1.0
+    reach: Annotated[float, _Distance, Search(0.3, 3)] = 1.613
     """A direction is free if the robot can drive so far in it (m), or to the goal."""
-    margin: _Margin = 0.05
+    margin: _Margin = 0.01044
     """Added to the robot's radius (m)."""
     goal: Annotated[float, _Weight] = 1.0
     """Cost of a direction per angle to the goal (1/rad)."""
-    heading: Annotated[float, _Weight, Search(0.05, 5, log=True)] = 0.5
+    heading: Annotated[float, _Weight, Search(0.05, 5, log=True)] = 0.7139
     """Cost of a direction per angle to the heading (1/rad)."""
-    border: Annotated[float, Field(ge=0, le=3.2), Search(0, 0.6)] = 0.1
+    border: Annotated[float, Field(ge=0, le=3.2), Search(0, 0.6)] = 0.2857
     """How far from the border of a wide gap the robot aims (rad)."""
-    turn_gain: Annotated[float, _Gain, Search(0.5, 10, log=True)] = 3.0
+    turn_gain: Annotated[float, _Gain, Search(0.5, 10, log=True)] = 3.455
     """Turning speed per angle to the chosen direction (1/s)."""
-    slow_distance: Annotated[float, _Distance, Search(0.1, 2)] = 0.6
+    slow_distance: Annotated[float, _Distance, Search(0.1, 2)] = 0.6331
     """Free way ahead (m) below which the robot slows."""
 
 

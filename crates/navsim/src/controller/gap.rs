@@ -45,7 +45,8 @@ impl Gap {
             let way = (distance - radius).max(0.0);
             let half = if distance > radius { libm::asinf(radius / distance) } else { 0.5 * PI };
             let bearing = libm::atan2f(y, x);
-            let (first, last) = (libm::floorf((bearing - half + PI) / SECTOR), libm::floorf((bearing + half + PI) / SECTOR));
+            let (first, last) =
+                (libm::floorf((bearing - half + PI) / SECTOR), libm::floorf((bearing + half + PI) / SECTOR));
             for index in first as i32..=last as i32 {
                 let place = &mut self.free[index.rem_euclid(SECTORS as i32) as usize];
                 *place = place.min(way);

@@ -47,16 +47,8 @@ pub enum Kind {
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 8] = [
-        Self::Dwa,
-        Self::Dwa1997,
-        Self::Apf,
-        Self::Gap,
-        Self::Mppi,
-        Self::Pursuit,
-        Self::Straight,
-        Self::Random,
-    ];
+    pub const ALL: [Self; 8] =
+        [Self::Dwa, Self::Dwa1997, Self::Apf, Self::Gap, Self::Mppi, Self::Pursuit, Self::Straight, Self::Random];
 
     /// `dwa`, `dwa-1997`, `apf`, `gap`, `mppi`, `pursuit`, `straight` or `random`.
     pub fn name(self) -> &'static str {

@@ -185,8 +185,7 @@ mod tests {
                 break;
             }
             let (sin, cos) = libm::sincos(curvature * way);
-            let [x, y] =
-                if curvature == 0.0 { [way, 0.0] } else { [sin / curvature, (1.0 - cos) / curvature] };
+            let [x, y] = if curvature == 0.0 { [way, 0.0] } else { [sin / curvature, (1.0 - cos) / curvature] };
             if points.iter().any(|p| libm::hypot(x - f64::from(p[0]), y - f64::from(p[1])) <= radius) {
                 return way;
             }
@@ -197,7 +196,8 @@ mod tests {
     /// A point 1 m ahead is met after 0.75 m; one 0.2 m to the side after 1 - 0.15 = 0.85 m; one 0.3 m aside never.
     #[test]
     fn straight_ways_by_hand() {
-        for (point, way) in [([1.0, 0.0], 0.75), ([1.0, 0.2], 0.85), ([1.0, 0.3], f32::INFINITY), ([-1.0, 0.0], f32::INFINITY)]
+        for (point, way) in
+            [([1.0, 0.0], 0.75), ([1.0, 0.2], 0.85), ([1.0, 0.3], f32::INFINITY), ([-1.0, 0.0], f32::INFINITY)]
         {
             let free = arcs(&[point], 0.25).free_way(0.0);
             assert!(free == way || (free - way).abs() < 1e-6, "{point:?}: {free}");
