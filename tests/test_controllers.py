@@ -1,6 +1,7 @@
 """Classical controllers: what each decides where one can say what it must, and how the evaluator runs them."""
 
 import dataclasses
+import itertools
 import json
 import math
 from pathlib import Path
@@ -112,7 +113,11 @@ def slow_dwa(ranges: Array, goal: Array, velocity: Array, sim: SimConfig, dwa: D
             place = v * time * np.sinc(turn / math.pi) * np.array([math.cos(turn), math.sin(turn)])
             off = math.atan2(target[1] - place[1], target[0] - place[0]) - 2 * turn
             off = abs((off + math.pi) % (2 * math.pi) - math.pi)
-            value = dwa.heading * (1 - off / math.pi) + dwa.clearance * min(way, reach) / reach + dwa.speed * v / robot.v_max
+            value = (
+                dwa.heading * (1 - off / math.pi)
+                + dwa.clearance * min(way, reach) / reach
+                + dwa.speed * v / robot.v_max
+            )
             commands.append((v, omega))
             values.append(value if admissible else -math.inf)
     return np.array(commands), np.array(values)
@@ -120,9 +125,7 @@ def slow_dwa(ranges: Array, goal: Array, velocity: Array, sim: SimConfig, dwa: D
 
 @pytest.mark.parametrize("limits", [(0.0, 0.0), (1.0, 2.5)])
 def test_the_dynamic_window_chooses_as_its_definition(limits: tuple[float, float]) -> None:
-    sim = dataclasses.replace(
-        QUIET, robot=RobotConfig(acceleration_max=limits[0], angular_acceleration_max=limits[1])
-    )
+    sim = dataclasses.replace(QUIET, robot=RobotConfig(acceleration_max=limits[0], angular_acceleration_max=limits[1]))
     dwa = DwaConfig(heading=1.0, clearance=1.5, speed=1.0, horizon=1.0, clearance_max=1.5, v_samples=4, omega_samples=7)
     ranges, goals, velocities = situations(25)
     chosen = Controller("dwa", sim, ControllersConfig(dwa=dwa)).command(ranges, goals, velocities)
@@ -244,7 +247,7 @@ def test_pursuit_follows_a_path(path: Array) -> None:
     settings = PursuitConfig()
     controller, pose, velocity = Controller("pursuit", QUIET), np.zeros(3), np.zeros(2)
     furthest, nothing = 0.0, np.full((1, BEAMS), FAR)
-    dense = np.concatenate([np.linspace(a, b, 200) for a, b in zip(path[:-1], path[1:], strict=True)])
+    dense = np.concatenate([np.linspace(a, b, 200) for a, b in itertools.pairwise(path)])
     for _ in range(400):
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         path_in_robot = (path - pose[:2]) @ np.array([[cos, -sin], [sin, cos]])
@@ -374,9 +377,7 @@ def test_a_controller_that_remembers_is_told_which_robots_run() -> None:
         def reset(self) -> None:
             self.resets, self.decisions = self.resets + 1, np.zeros(3, int)
 
-        def command(
-            self, ranges: NDArray[np.float32], goal: Array, velocity: Array, robots: NDArray[np.intp]
-        ) -> Array:
+        def command(self, ranges: NDArray[np.float32], goal: Array, velocity: Array, robots: NDArray[np.intp]) -> Array:
             self.decisions[robots] += 1
             return np.tile([0.5, 0.0], (len(robots), 1))
 
@@ -398,7 +399,7 @@ def test_contenders_that_cannot_be_used_are_refused() -> None:
         evaluate(lambda *_: [[math.nan, 0.0]], given, sim=SimConfig())
     with pytest.raises(PolicyError, match="sim: must be given"):
         evaluate(straight, given)
-    with pytest.raises(PolicyError, match="task.period = 0.2: the controller was made for 0.1"):
+    with pytest.raises(PolicyError, match=r"task\.period = 0\.2: the controller was made for 0.1"):
         evaluate(Controller("dwa"), given, sim=SimConfig(task=TaskConfig(period=0.2)))
 
 

@@ -157,7 +157,9 @@ def _ask(study: optuna.Study, name: Tunable, config: Config, seed: int, number: 
         first = asdict(getattr(config.controllers, name))
         study.enqueue_trial({key: min(max(first[key], s.low), s.high) for key, s in space.items()})
     study.sampler = optuna.samplers.TPESampler(seed=seed * SEED_STRIDE + number)
-    return study.ask({key: optuna.distributions.FloatDistribution(s.low, s.high, log=s.log) for key, s in space.items()})
+    return study.ask(
+        {key: optuna.distributions.FloatDistribution(s.low, s.high, log=s.log) for key, s in space.items()}
+    )
 
 
 def _with(settings: ControllersConfig, name: Tunable, values: dict[str, float]) -> ControllersConfig:

@@ -30,7 +30,10 @@ _Margin = Annotated[float, Field(ge=0, le=10), Search(0.01, 0.1)]
 @one_line
 @dataclass(frozen=True, config=STRICT)
 class DwaConfig:
-    """Dynamic window `dwa` (Fox, Burgard, Thrun 1997); `dwa-1997` has the weights 2, 0.2, 0.2 and the rest from here."""
+    """Dynamic window `dwa` (Fox, Burgard, Thrun 1997); `dwa-1997` has the weights 2, 0.2, 0.2 and the rest from here.
+
+    Found by `navrl tune dwa --world boxes --boxes 16 --trials 200`: trial 92, seed 0, 500 scenarios each.
+    """
 
     heading: Annotated[float, _Weight] = 1.0
     """Weight of the share of a half turn by which the robot at the horizon looks to the goal."""
@@ -55,20 +58,26 @@ class DwaConfig:
 @one_line
 @dataclass(frozen=True, config=STRICT)
 class ApfConfig:
-    """Artificial potential field `apf` (Khatib 1986): an attraction of 1 and the repulsion of all beams."""
+    """Artificial potential field `apf` (Khatib 1986): an attraction of 1 and the repulsion of all beams.
 
-    repulsion: Annotated[float, _Weight, Search(0.001, 1, log=True)] = 0.03
+    Found by `navrl tune apf --world boxes --boxes 16 --trials 40`: trial 25, seed 0, 500 scenarios each.
+    """
+
+    repulsion: Annotated[float, _Weight, Search(0.001, 1, log=True)] = 0.002932
     """Weight of the repulsion (m^2 per radian of beams)."""
-    reach: Annotated[float, _Distance, Search(0.2, 2)] = 0.8
+    reach: Annotated[float, _Distance, Search(0.2, 2)] = 1.357
     """Clearance at which the repulsion begins (m)."""
-    turn_gain: Annotated[float, _Gain, Search(0.5, 10, log=True)] = 3.0
+    turn_gain: Annotated[float, _Gain, Search(0.5, 10, log=True)] = 0.6484
     """Turning speed per angle to the force (1/s)."""
 
 
 @one_line
 @dataclass(frozen=True, config=STRICT)
 class GapConfig:
-    """Gap following `gap` in the manner of VFH+ (Ulrich, Borenstein 1998)."""
+    """Gap following `gap` in the manner of VFH+ (Ulrich, Borenstein 1998).
+
+    Found by `navrl tune gap --world boxes --boxes 16 --trials 100`: trial 78, seed 0, 500 scenarios each.
+    """
 
     reach: Annotated[float, _Distance, Search(0.3, 3)] = 1.613
     """A direction is free if the robot can drive so far in it (m), or to the goal."""
@@ -118,7 +127,10 @@ class MppiConfig:
 @one_line
 @dataclass(frozen=True, config=STRICT)
 class PursuitConfig:
-    """Regulated pure pursuit `pursuit` (Macenski and others 2023): follows a path or a goal, stops, does not avoid."""
+    """Regulated pure pursuit `pursuit` (Macenski and others 2023): follows a path or a goal, stops, does not avoid.
+
+    Set by hand: without a planner's path there is nothing to tune it on.
+    """
 
     lookahead: Annotated[float, _Distance, Search(0.2, 1.2)] = 0.5
     """Distance (m) of the point of the path that is pursued."""
@@ -157,5 +169,8 @@ Tunable = Literal["dwa", "apf", "gap", "mppi"]
 def searched(name: Tunable) -> dict[str, Search]:
     """What `navrl tune` varies of a controller, by key."""
     hints = get_type_hints(get_type_hints(ControllersConfig)[name], include_extras=True)
-    parts = {key: [part for part in getattr(hint, "__metadata__", ()) if isinstance(part, Search)] for key, hint in hints.items()}
+    parts = {
+        key: [part for part in getattr(hint, "__metadata__", ()) if isinstance(part, Search)]
+        for key, hint in hints.items()
+    }
     return {key: found[0] for key, found in parts.items() if found}

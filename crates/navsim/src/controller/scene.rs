@@ -218,7 +218,7 @@ mod tests {
         use crate::rng::{Purpose, Split, Stream, StreamName};
         let mut random = Stream::new(StreamName::new(1, Purpose::World, Split::Test, 0, 0));
         let mut met = 0;
-        for _ in 0..300 {
+        for _ in 0..600 {
             let count = 1 + (random.unit() * 30.0) as usize;
             let mut points = Vec::new();
             while points.len() < count {
