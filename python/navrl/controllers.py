@@ -141,8 +141,8 @@ def lookahead_point(path: Sequence[Sequence[float]] | NDArray[np.float64], looka
         lookahead: Distance (m) from the robot; `pursuit.lookahead` of the configuration.
 
     Returns:
-        Distance (m) and angle (rad) of the first point after the path's nearest one that is so far from the robot, or of
-        the path's end.
+        Distance (m) and angle (rad) of the first point after the path's nearest one that is so far from the robot,
+        or of the path's end.
 
     Raises:
         ValueError: A path without points, or numbers that are not finite.

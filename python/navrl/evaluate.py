@@ -89,7 +89,7 @@ def evaluate(
     Args:
         contender: What drives: a policy, a controller, or a callable with a controller's signature.
         scenarios: A list, the purpose of a built-in one, or scenarios one by one.
-        sim: Robot, lidar and task, and the world of a built-in list; those of the contender if None, a policy's in "td3".
+        sim: Robot, lidar and task, and the world of a built-in list; the contender's if None, for a policy in "td3".
         num_threads: Threads that step the robots, 0 for all cores; they do not change results.
 
     Returns:
@@ -164,7 +164,12 @@ def driver(contender: Contender, sim: SimConfig) -> Driver:
     """
     if isinstance(contender, Actor):
         act = contender.act
-        return lambda simulator, running: _checked("act", "actions", act(simulator.observations[running]), running)
+
+        def by_observations(simulator: BatchSim, running: NDArray[np.intp]) -> NDArray[np.float32]:
+            actions = _checked("act", "actions", act(simulator.observations[running]), running)
+            return np.asarray(actions, np.float32)
+
+        return by_observations
     if isinstance(contender, Remembering):
         contender.reset()
         return _by_command(contender.command, sim, with_robots=True)
@@ -183,13 +188,13 @@ def _by_command(command: Callable[..., ArrayLike], sim: SimConfig, *, with_robot
         known = (simulator.ranges[running], goal, simulator.velocities[running])
         commands = command(*known, running) if with_robots else command(*known)
         # Eq. 6 backwards: a1 = 2 v / v_max - 1, a2 = omega / omega_max
-        actions = _checked("command", "commands", commands, running) / largest * [2, 1] - [1, 0]
-        return actions.astype(np.float32)
+        actions = _checked("command", "commands", commands, running) / largest * [2.0, 1.0] - [1.0, 0.0]
+        return np.asarray(actions, np.float32)
 
     return drive
 
 
-def _checked(method: str, noun: str, answer: ArrayLike, running: NDArray[np.intp]) -> NDArray[Any]:
+def _checked(method: str, noun: str, answer: ArrayLike, running: NDArray[np.intp]) -> NDArray[np.floating]:
     array, expected = np.asarray(answer), (len(running), 2)
     if array.shape != expected:
         raise ValueError(f"{method}: expected {noun} of shape {expected}, got {array.shape}")

@@ -2,9 +2,9 @@
 
     tune("dwa", config, folder, trials=100, episodes=500) -> Tuned
 
-The trials stand in FOLDER/study.db (SQLite): the same call continues a search that was cut short, with the trials that it
-would have made anyway, and a larger budget extends it. FOLDER/best.toml holds the best settings, for `--config`. The
-search is Optuna's tree-structured Parzen estimator (the extra `tune`), from the settings as configured.
+The trials stand in FOLDER/study.db (SQLite): the same call continues a search that was cut short, with the trials that
+it would have made anyway, and a larger budget extends it. FOLDER/best.toml holds the best settings, for `--config`.
+The search is Optuna's tree-structured Parzen estimator (the extra `tune`), from the settings as configured.
 """
 
 from __future__ import annotations
@@ -64,9 +64,8 @@ def penalised_time(evaluation: Evaluation, time_limit: float) -> float:
         Seconds.
     """
     failure = FAILURE_COST * time_limit
-    return math.fsum(e.time_s if e.outcome == "goal" else failure for e in evaluation.episodes) / len(
-        evaluation.episodes
-    )
+    times = [e.time_s if e.outcome == "goal" else failure for e in evaluation.episodes]
+    return math.fsum(times) / len(times)
 
 
 def tune(

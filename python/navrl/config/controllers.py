@@ -108,6 +108,8 @@ class MppiConfig:
     """Time that a command of a sequence lasts (s)."""
     temperature: Annotated[float, Field(ge=1e-6, le=1e6), Search(0.03, 3, log=True)] = 0.3
     """Cost by which a sequence loses a factor e of weight."""
+    hold: Annotated[int, Field(ge=1, le=1000)] = 8
+    """Steps that a draw of noise lasts: noise that changes with every step hardly turns the robot."""
     v_noise: Annotated[float, Field(ge=0, le=100), Search(0.05, 0.5)] = 0.2
     """Standard deviation of the forward speed's noise (m/s)."""
     omega_noise: Annotated[float, Field(ge=0, le=100), Search(0.1, 1.5)] = 0.4

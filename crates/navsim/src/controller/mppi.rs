@@ -11,7 +11,7 @@ use std::f32::consts::PI;
 
 /// Samples that are driven side by side.
 const LANES: usize = 16;
-/// Random blocks of one call of `draw_normals`, which gives two steps of noise to all lanes.
+/// Random blocks of one call of `draw_normals`, which gives noise to all lanes twice.
 const DRAW: usize = 4 * LANES;
 
 /// How much nearer (m) than now a robot within the margin may come: the map's interpolation is no better.
@@ -109,17 +109,19 @@ impl Mppi {
 
     /// Drives the samples of a group along the plan with noise of their own. The first sample has none.
     fn drive(&mut self, group: usize, limits: &Limits, sight: &Sight, step: &Step, plan: &Plan, stream: &StreamName) {
-        let steps = self.config.steps;
+        let MppiConfig { steps, hold, .. } = self.config;
         let sigma = [self.config.v_noise as f32, self.config.omega_noise as f32];
         let commands = &mut self.commands[group * steps..(group + 1) * steps];
         let mut normals = [0.0; DRAW];
         let mut lane = Lane::at_rest(sight.velocity);
         for (t, (command, &[v, omega])) in commands.iter_mut().zip(plan).enumerate() {
-            if t % 2 == 0 {
-                let draw = group * steps.div_ceil(2) + t / 2;
+            // Every draw of noise lasts for `hold` steps.
+            let held = t / hold;
+            if t % (2 * hold) == 0 {
+                let draw = group * steps.div_ceil(2 * hold) + held / 2;
                 draw_normals(stream, (draw * LANES) as u32, &mut normals);
             }
-            let (noise_v, noise_omega) = normals[t % 2 * 2 * LANES..][..2 * LANES].split_at(LANES);
+            let (noise_v, noise_omega) = normals[held % 2 * 2 * LANES..][..2 * LANES].split_at(LANES);
             for i in 0..LANES {
                 let quiet = group == 0 && i == 0;
                 let scale = if quiet { 0.0 } else { 1.0 };

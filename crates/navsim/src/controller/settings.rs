@@ -90,6 +90,8 @@ pub struct MppiConfig {
     pub step: f64,
     /// Cost by which a sequence loses a factor e of weight.
     pub temperature: f64,
+    /// Steps that a draw of noise lasts.
+    pub hold: usize,
     /// Standard deviation of the forward speed's noise, m/s.
     pub v_noise: f64,
     /// Standard deviation of the turning speed's noise, rad/s.
@@ -168,6 +170,7 @@ impl ControllersConfig {
             ("mppi.samples", mppi.samples as f64, 1.0..=65_536.0),
             ("mppi.steps", mppi.steps as f64, 1.0..=1000.0),
             ("mppi.step", mppi.step, 1e-3..=10.0),
+            ("mppi.hold", mppi.hold as f64, 1.0..=1000.0),
             ("mppi.temperature", mppi.temperature, 1e-6..=1e6),
             ("mppi.v_noise", mppi.v_noise, 0.0..=100.0),
             ("mppi.omega_noise", mppi.omega_noise, 0.0..=100.0),
