@@ -1,6 +1,7 @@
 //! What holds for every controller: commands within the limits, whatever the scan; the same command for a robot in any
 //! batch; refusals that decide nothing.
 
+#![allow(clippy::unwrap_used)]
 use navsim::controller::{Controller, ControllersConfig, Inputs, Kind};
 use navsim::rng::{Purpose, Split, Stream, StreamName};
 use navsim::{Error, SimConfig};

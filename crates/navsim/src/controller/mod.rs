@@ -293,7 +293,7 @@ fn length(name: &'static str, expected: usize, got: usize) -> Result<()> {
 
 /// Refuses NaN, infinity, and what overflows in single precision.
 fn numbers(name: &'static str, values: &[f64]) -> Result<()> {
-    match values.iter().position(|value| !(value.abs() <= 1e9)) {
+    match values.iter().position(|value| !(-1e9..=1e9).contains(value)) {
         None => Ok(()),
         Some(i) => Err(Error::Number { name, expected: "numbers within +-1e9", value: values[i], row: i / 2 }),
     }

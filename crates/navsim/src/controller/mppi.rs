@@ -191,16 +191,13 @@ impl Lane {
     /// Adds what it costs to be there.
     #[inline(always)]
     fn charge(&mut self, step: &Step, map: &ClearanceMap) {
-        let mut clearance = [0.0; LANES];
-        for i in 0..LANES {
-            clearance[i] = map.at(self.x[i], self.y[i]) - step.radius;
-        }
-        for i in 0..LANES {
+        let clearance: [f32; LANES] = std::array::from_fn(|i| map.at(self.x[i], self.y[i]) - step.radius);
+        for (i, clearance) in clearance.into_iter().enumerate() {
             let (dx, dy) = (step.goal[0] - self.x[i], step.goal[1] - self.y[i]);
             let distance = (dx * dx + dy * dy).sqrt();
-            let near = 1.0 - clearance[i] / step.inflation;
+            let near = 1.0 - clearance / step.inflation;
             let near = if near > 0.0 { near } else { 0.0 };
-            self.free[i] = if clearance[i] < step.contact { 0.0 } else { self.free[i] };
+            self.free[i] = if clearance < step.contact { 0.0 } else { self.free[i] };
             let contact = (1.0 - self.free[i]) * step.collision_cost;
             self.cost[i] += step.goal_cost * distance + step.obstacle_cost * near * near + contact;
         }
