@@ -2,6 +2,7 @@
 //! batch; refusals that decide nothing.
 
 #![allow(clippy::unwrap_used)]
+
 use navsim::controller::{Controller, ControllersConfig, Inputs, Kind};
 use navsim::rng::{Purpose, Split, Stream, StreamName};
 use navsim::{Error, SimConfig};
