@@ -249,7 +249,9 @@ def test_the_robot_stops_within_the_goal_radius() -> None:
 def test_another_lidar_is_refused_unless_told_to_rebin() -> None:
     policy = recorder()
     ranges = np.full(360, 5.0)
-    with pytest.raises(ValueError, match=r"scan of 360 beams .* has 180 over 3.142 rad; rebin=True"):
+    with pytest.raises(
+        ValueError, match=r"scan of 360 beams .* has 180 from -1.562 rad in steps of 0.01745 rad; rebin=True"
+    ):
         policy.command(ranges, 0.0, STEP, (3.0, 0.0), (0.0, 0.0))
     with pytest.raises(ValueError, match="rebin=True"):
         policy.command(ranges[:180], -0.4 * math.pi, STEP, (3.0, 0.0), (0.0, 0.0))

@@ -31,10 +31,12 @@ fn step(criterion: &mut Criterion) {
         ("td3", 256, 1, 0.008),
     ] {
         let mut sim = BatchSim::new(config(world, 180, noise), robots, 0, threads, true, None).unwrap();
-        let actions = actions(2 * robots);
+        // Sixteen commands in turn: robots that keep one of their own circle, and collide at once or never.
+        let actions = actions(16 * 2 * robots);
+        let mut turns = actions.chunks(2 * robots).cycle();
         group.throughput(Throughput::Elements(robots as u64));
         let id = BenchmarkId::new(world, format!("{robots} robots, {threads} threads, noise {noise}"));
-        group.bench_function(id, |bencher| bencher.iter(|| sim.step(&actions).unwrap()));
+        group.bench_function(id, |bencher| bencher.iter(|| sim.step(turns.next().unwrap()).unwrap()));
     }
     group.finish();
 }
@@ -82,11 +84,13 @@ fn collision(criterion: &mut Criterion) {
             bencher.iter(|| next.next().map(|(obstacles, pose)| clearance(&footprint, pose, [obstacles, &none])));
         });
         for v in [0.5, 100.0] {
-            let mut next = worlds.iter().cycle();
+            let gap = |(obstacles, pose): &(_, _)| clearance(&footprint, pose, [obstacles, &none]);
+            let gaps: Vec<f32> = worlds.iter().map(gap).collect();
+            let mut next = worlds.iter().zip(&gaps).cycle();
             group.bench_function(format!("sweep at {v} m/s, {name}"), |bencher| {
                 bencher.iter(|| {
-                    let (obstacles, start) = next.next().unwrap();
-                    sweep(&footprint, &Arc { start: *start, v, omega: 0.7 }, 0.1, [obstacles, &none], 0.1)
+                    let ((obstacles, start), gap) = next.next().unwrap();
+                    sweep(&footprint, &Arc { start: *start, v, omega: 0.7 }, 0.1, [obstacles, &none], *gap)
                 });
             });
         }
@@ -128,9 +132,9 @@ fn bins(criterion: &mut Criterion) {
         let mut config = config("open8", beams, 0.0).lidar;
         config.bins = count;
         let lidar = Lidar::new(&config).unwrap();
-        let (mut buffer, mut pooled) = (lidar.buffer(), vec![0.0; count]);
+        let (buffer, mut pooled) = (lidar.buffer(), vec![0.0; count]);
         group.bench_function(format!("{beams} beams to {count}"), |bencher| {
-            bencher.iter(|| lidar.pool(&mut buffer, black_box(&mut pooled)));
+            bencher.iter(|| lidar.pool(&buffer, black_box(&mut pooled)));
         });
     }
     group.finish();

@@ -37,8 +37,9 @@ class BatchSim(_navsim.BatchSim):
       3 time-out, of the step just made;
     * ``final_observations (num_envs, bins + 4) float32``: the true successor of the step just made, also when the
       episode goes on;
-    * ``ranges (num_envs, beams) float32`` (m), ``poses (num_envs, 3) float64`` (m, m, rad), ``goals (num_envs, 2)
-      float64`` (m): the situation now;
+    * ``poses (num_envs, 3) float64`` (m, m, rad), ``goals (num_envs, 2) float64`` (m): the situation now;
+    * ``ranges (num_envs, beams) float32`` (m): what the lidar sees now, NaN for a lost beam; written by every call from
+      the first time on that this attribute is read, since most users need the bins only;
     * ``velocities (num_envs, 2) float64`` (m/s, rad/s), ``episode_returns``, ``episode_steps``, ``episode_path`` (m),
       ``episode_clearance`` (m), ``episodes``: of the step just made and the episode that it belongs to. Returns are
       those of the paper's reward, whatever the configuration trains on.

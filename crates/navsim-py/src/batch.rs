@@ -29,10 +29,19 @@ where
     D: IntoDimension,
 {
     let borrowed = this.try_borrow()?;
-    let shape = shape(borrowed.core.num_envs(), &borrowed.core).into_dimension();
-    let values = ArrayView::from_shape(shape, select(borrowed.core.results()));
+    let shape = shape(borrowed.core.num_envs(), &borrowed.core);
+    view_of(this, select(borrowed.core.results()), shape)
+}
+
+/// A read-only numpy view of `values`, an array of results of `this`.
+fn view_of<'py, T: Element, D: IntoDimension>(
+    this: &Bound<'py, BatchSim>,
+    values: &[T],
+    shape: D,
+) -> PyResult<Bound<'py, PyArray<T, D::Dim>>> {
+    let values = ArrayView::from_shape(shape.into_dimension(), values);
     let values = values.map_err(|e| PyValueError::new_err(e.to_string()))?;
-    // SAFETY: the core allocates its result arrays once and never moves them, and the view keeps `this` alive. A step in
+    // SAFETY: the core allocates an array of results once and never moves it, and the view keeps `this` alive. A step in
     // another thread may change what a view shows, as with any numpy array.
     let array = unsafe { PyArray::borrow_from_array(&values, this.clone().into_any()) };
     Ok((*array.readwrite().make_nonwriteable()).clone())
@@ -132,7 +141,10 @@ impl BatchSim {
 
     #[getter]
     fn ranges<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray<f32, Ix2>>> {
-        view(this, |results| &results.ranges, |n, core| (n, core.config().lidar.beams))
+        let core = &mut this.try_borrow_mut()?.core;
+        let shape = (core.num_envs(), core.config().lidar.beams);
+        let ranges = this.py().detach(|| core.ranges()).map_err(refusal)?;
+        view_of(this, ranges, shape)
     }
 
     #[getter]

@@ -23,7 +23,7 @@ mod _navsim {
 /// Instruction set that the scan kernels run on: "baseline", "avx2" or "avx512".
 #[pyfunction]
 fn isa() -> PyResult<&'static str> {
-    navsim::lidar::Isa::current().map(|isa| isa.name()).map_err(arguments::refusal)
+    navsim::cpu::Isa::current().map(|isa| isa.name()).map_err(arguments::refusal)
 }
 
 /// Refuses a configuration whose world cannot be set up for its robot; returns the share of the world's free area that

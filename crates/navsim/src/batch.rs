@@ -1,9 +1,9 @@
 //! Many robots at once: arrays in, arrays out, and the only threads of the crate.
 
 use crate::config::SimConfig;
+use crate::cpu::DefaultMode;
 use crate::error::{Error, Result};
-use crate::lidar::DefaultMode;
-use crate::results::{Results, Rows, Widths};
+use crate::results::{Results, Rows};
 use crate::task::{Episode, ObservationRow, Outcome, Task, Workspace};
 use crate::world::Scenario;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -23,6 +23,8 @@ pub struct BatchSim {
     autoreset: bool,
     episodes: Vec<Episode>,
     results: Results,
+    /// Empty until somebody asks.
+    ranges: Vec<f32>,
     workers: Vec<Worker>,
     pool: Option<ThreadPool>,
     process: u32,
@@ -43,7 +45,7 @@ struct State {
     results: Results,
 }
 
-const STATE_VERSION: u32 = 1;
+const STATE_VERSION: u32 = 2;
 
 /// What is done to a range of robots.
 #[derive(Clone, Copy)]
@@ -51,6 +53,7 @@ enum Work<'a> {
     Step(&'a [f32]),
     Reset(Option<&'a [bool]>),
     Begin,
+    Scan,
 }
 
 impl BatchSim {
@@ -73,11 +76,11 @@ impl BatchSim {
         within("num_threads", num_threads, THREADS_MAX)?;
         let _mode = DefaultMode::set();
         let task = Task::new(config, scenarios, seed)?;
-        let widths = Widths { observation: task.observation_size(), beams: task.lidar().beams() };
         let mut simulator = Self {
             autoreset,
             episodes: vec![Episode::default(); num_envs],
-            results: Results::new(num_envs, widths),
+            results: Results::new(num_envs, task.observation_size()),
+            ranges: Vec::new(),
             workers: (0..num_threads).map(|_| Worker { workspace: task.workspace(), result: Ok(()) }).collect(),
             pool: start_pool(num_threads)?,
             process: std::process::id(),
@@ -105,6 +108,24 @@ impl BatchSim {
     /// Results of the last call, written in place.
     pub fn results(&self) -> &Results {
         &self.results
+    }
+
+    /// Range of every beam now, (num_envs, beams), m; NaN for a lost beam.
+    ///
+    /// Written in place by every call from the first request on, and never before: they are eight times as many numbers
+    /// as the observations, and few ask for them.
+    ///
+    /// # Errors
+    /// A process forked from the one that made this simulator.
+    pub fn ranges(&mut self) -> Result<&[f32]> {
+        if self.ranges.is_empty() {
+            self.ranges = vec![0.0; self.num_envs() * self.config().lidar.beams];
+            if let Err(error) = self.run(Work::Scan) {
+                self.ranges = Vec::new();
+                return Err(error);
+            }
+        }
+        Ok(&self.ranges)
     }
 
     /// What `robot` meets in its present episode.
@@ -152,7 +173,7 @@ impl BatchSim {
     /// Continues bit for bit where `state` was taken, from a simulator made with the same arguments.
     ///
     /// # Errors
-    /// Bytes that are no state, or the state of another number of robots, bins or beams: nothing has changed then.
+    /// Bytes that are no state, or the state of another number of robots or bins: nothing has changed then.
     pub fn restore(&mut self, state: &[u8]) -> Result<()> {
         let state: State = serde_json::from_slice(state).map_err(|e| Error::Parse(format!("simulator state: {e}")))?;
         if state.version != STATE_VERSION {
@@ -166,13 +187,14 @@ impl BatchSim {
         self.results.copy_from(&state.results);
         self.episodes = state.episodes;
         self.episodes.iter_mut().for_each(Episode::prepare_moved);
-        Ok(())
+        if self.ranges.is_empty() { Ok(()) } else { self.run(Work::Scan) }
     }
 
     /// Splits the robots into one contiguous part for each thread; the calling thread does the first.
     fn run(&mut self, work: Work) -> Result<()> {
-        let Self { task, autoreset, episodes, results, workers, pool, process } = self;
-        let mut part = Part { task, autoreset: *autoreset, work, first: 0, episodes, rows: results.rows() };
+        let Self { task, autoreset, episodes, results, ranges, workers, pool, process } = self;
+        let (rows, beams) = (results.rows(), ranges.len() / episodes.len());
+        let mut part = Part { task, autoreset: *autoreset, work, first: 0, episodes, rows, ranges, beams };
         let Some(pool) = pool else { return part.run(&mut workers[0].workspace) };
         let current = std::process::id();
         if current != *process {
@@ -206,18 +228,32 @@ struct Part<'a> {
     first: usize,
     episodes: &'a mut [Episode],
     rows: Rows<'a>,
+    /// Ranges of its robots, if anybody asked.
+    ranges: &'a mut [f32],
+    /// Ranges of a robot, 0 if nobody asked.
+    beams: usize,
 }
 
 impl<'a> Part<'a> {
     /// The first `share` of `of` equal shares of the robots, and the rest.
     fn split_at_share(self, share: usize, of: usize) -> (Part<'a>, Part<'a>) {
-        let Self { task, autoreset, work, first, episodes, rows } = self;
+        let Self { task, autoreset, work, first, episodes, rows, ranges, beams } = self;
         let here = episodes.len() * share / of;
         let (left, right) = episodes.split_at_mut(here);
         let (left_rows, right_rows) = rows.split_at(here);
+        let (left_ranges, right_ranges) = ranges.split_at_mut(here * beams);
         (
-            Part { task, autoreset, work, first, episodes: left, rows: left_rows },
-            Part { task, autoreset, work, first: first + here, episodes: right, rows: right_rows },
+            Part { episodes: left, rows: left_rows, ranges: left_ranges, task, autoreset, work, first, beams },
+            Part {
+                first: first + here,
+                episodes: right,
+                rows: right_rows,
+                ranges: right_ranges,
+                task,
+                autoreset,
+                work,
+                beams,
+            },
         )
     }
 
@@ -234,6 +270,10 @@ impl<'a> Part<'a> {
                     if mask.is_none_or(|mask| mask[robot]) {
                         self.begin(i, self.episodes[i].index + 1, workspace)?;
                     }
+                }
+                Work::Scan => {
+                    let ranges = self.task.scan(robot, &self.episodes[i], workspace);
+                    self.ranges[i * self.beams..(i + 1) * self.beams].copy_from_slice(ranges);
                 }
                 Work::Step(actions) => self.step(i, [actions[2 * robot], actions[2 * robot + 1]], workspace)?,
             }
@@ -254,8 +294,9 @@ impl<'a> Part<'a> {
     /// Begins an episode and leaves reward, flags, statistics and final observation as they are.
     fn begin_quietly(&mut self, i: usize, index: u64, workspace: &mut Workspace) -> Result<()> {
         let episode = &mut self.episodes[i];
-        let (observation, ranges) = self.rows.observation(i);
-        self.task.begin(self.first + i, index, episode, workspace, &mut ObservationRow { observation, ranges })?;
+        let ranges = &mut self.ranges[i * self.beams..(i + 1) * self.beams];
+        let mut row = ObservationRow { observation: self.rows.observation(i), ranges };
+        self.task.begin(self.first + i, index, episode, workspace, &mut row)?;
         self.rows.write_situation(i, episode);
         Ok(())
     }
@@ -266,8 +307,8 @@ impl<'a> Part<'a> {
             self.rows.rewards[i] = 0.0;
             return Ok(());
         }
-        let (observation, ranges) = self.rows.observation(i);
-        let mut row = ObservationRow { observation, ranges };
+        let ranges = &mut self.ranges[i * self.beams..(i + 1) * self.beams];
+        let mut row = ObservationRow { observation: self.rows.observation(i), ranges };
         let reward = self.task.step(self.first + i, episode, action, workspace, &mut row);
         let (index, outcome) = (episode.index, episode.outcome);
         self.rows.write_step(i, reward, outcome);

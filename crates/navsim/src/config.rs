@@ -103,11 +103,13 @@ pub struct LidarConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Caster {
-    /// The fastest that can do the job.
+    /// The rasteriser with what makes it faster and leaves its bits: every beam against every edge for up to 64 beams,
+    /// and a tree of boxes, nearest first and past what is hidden, for more than 112 static edges or circles.
     Auto,
-    /// The vectorised rasteriser.
+    /// The vectorised rasteriser: every edge and every circle is drawn over the beams that it may cover.
     Raster,
-    /// Parry's ray casts, beam by beam: the reference.
+    /// Parry's ray casts, beam by beam, through its bounding volume hierarchy from 32 shapes on: the reference, and slow.
+    /// In single precision it is coarse where a beam grazes a circle.
     Parry,
 }
 

@@ -21,6 +21,7 @@ pub mod batch;
 pub mod collision;
 pub mod config;
 pub mod controller;
+pub mod cpu;
 pub mod error;
 pub mod lidar;
 pub mod planner;

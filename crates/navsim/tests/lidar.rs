@@ -4,7 +4,8 @@
 mod reference;
 
 use navsim::config::{Caster, LidarConfig};
-use navsim::lidar::{Isa, beam_angle};
+use navsim::cpu::Isa;
+use navsim::lidar::beam_angle;
 use navsim::pose::Pose;
 use navsim::rng::{Purpose, Split, Stream, StreamName};
 use navsim::world::Shape;

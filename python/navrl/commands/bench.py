@@ -12,10 +12,10 @@ import numpy as np
 
 from navrl import _navsim
 from navrl.batch import BatchSim
-from navrl.cli import DONE
 from navrl.commands.options import given_settings, output_file, threads, whole_number
 from navrl.config import SimConfig
 from navrl.config.files import Option, load_sim
+from navrl.exit_codes import DONE
 
 SCHEMA = 1
 """Version of the JSON file."""

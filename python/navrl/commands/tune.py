@@ -5,11 +5,11 @@ from argparse import Namespace
 from pathlib import Path
 from typing import get_args
 
-from navrl.cli import DONE
 from navrl.commands.options import given_settings, threads, whole_number
 from navrl.config.controllers import Tunable
 from navrl.config.files import load_config
 from navrl.errors import UserError
+from navrl.exit_codes import DONE
 
 
 def tune(options: Namespace) -> int:

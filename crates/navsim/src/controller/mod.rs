@@ -17,8 +17,8 @@ pub use settings::{ApfConfig, ControllersConfig, DwaConfig, GapConfig, MppiConfi
 
 use crate::batch::ROBOTS_MAX;
 use crate::config::{RobotConfig, SimConfig};
+use crate::cpu::DefaultMode;
 use crate::error::{Error, Result};
-use crate::lidar::DefaultMode;
 use crate::pose::wrap_angle;
 use crate::rng::{Purpose, Split, Stream, StreamName};
 use crate::robot::{Footprint, limit_acceleration};

@@ -2,8 +2,10 @@
 //!
 //! The form with the distance across the beam loses no precision where a beam grazes.
 
-use super::draw::{Draws, LaneRuns, View, lane_and_block, smaller};
+use super::draw::{Draws, LaneRuns, lane_and_block};
 use super::fan::Fan;
+use super::view::View;
+use crate::cpu::smaller;
 use crate::world::{BLOCK, Lanes};
 use std::f32::consts::FRAC_PI_2;
 
@@ -14,7 +16,7 @@ pub(super) fn draw(circles: &[Lanes; 3], view: View, fan: &Fan, draws: &mut Draw
     for pair in draws.list(&runs, BLOCK) {
         let (lane, beams) = lane_and_block(*pair);
         let center = [center[0].0[lane], center[1].0[lane]];
-        draw_circle(center, circles[2].0[lane], &fan.cos[beams], &fan.sin[beams], &mut ranges[beams]);
+        draw_circle(center, circles[2].0[lane], &fan.directions[beams], &mut ranges[beams]);
     }
 }
 
@@ -42,7 +44,7 @@ pub(super) fn half_width(radius: f32, distance: f32) -> f32 {
 
 /// Draws one circle over one block of beams.
 #[inline(always)]
-fn draw_circle(center: [f32; 2], radius: f32, cos: &Lanes, sin: &Lanes, ranges: &mut Lanes) {
+fn draw_circle(center: [f32; 2], radius: f32, [cos, sin]: &[Lanes; 2], ranges: &mut Lanes) {
     let [x, y] = center;
     for i in 0..BLOCK {
         let (cos, sin) = (cos.0[i], sin.0[i]);

@@ -1,24 +1,7 @@
-//! What edges and circles share: the lidar's frame, and the list of what is drawn where.
+//! The list of what is drawn over which beams.
 
 use super::fan::Runs;
 use crate::world::BLOCK;
-
-/// Where the lidar is: position (m) and heading as cosine and sine.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct View {
-    pub x: f32,
-    pub y: f32,
-    pub cos: f32,
-    pub sin: f32,
-}
-
-impl View {
-    /// The vector (x, y) of the world in the lidar's frame.
-    #[inline(always)]
-    pub fn turn(&self, x: f32, y: f32) -> (f32, f32) {
-        (self.cos * x + self.sin * y, self.cos * y - self.sin * x)
-    }
-}
 
 /// The runs of sixteen lanes.
 #[derive(Debug, Clone, Copy, Default)]
@@ -101,17 +84,4 @@ impl Draws {
 #[inline(always)]
 pub(super) fn lane_and_block(pair: u16) -> (usize, usize) {
     (usize::from(pair >> 8) % BLOCK, usize::from(pair & 0xff))
-}
-
-/// The larger of two numbers that are not negative: their bits are in the same order, and with integers the compiler
-/// writes whole blocks. With a comparison it writes parts of them, for which the next read of the block has to wait.
-#[inline(always)]
-pub(super) fn larger(a: f32, b: f32) -> f32 {
-    f32::from_bits((a.to_bits() as i32).max(b.to_bits() as i32) as u32)
-}
-
-/// The smaller of two numbers that are not negative, as `larger`.
-#[inline(always)]
-pub(super) fn smaller(a: f32, b: f32) -> f32 {
-    f32::from_bits((a.to_bits() as i32).min(b.to_bits() as i32) as u32)
 }

@@ -3,8 +3,10 @@
 //! Sixteen edges are brought into the lidar's frame at once; those that face it wait until sixteen of them have come
 //! together, are set up at once, and are drawn over the blocks of beams that they may cover.
 
-use super::draw::{Draws, LaneRuns, View, lane_and_block, larger};
+use super::draw::{Draws, LaneRuns, lane_and_block};
 use super::fan::Fan;
+use super::view::View;
+use crate::cpu::larger;
 use crate::world::{BLOCK, Lanes};
 
 /// Edges that face the lidar and are not drawn yet, in its frame.
@@ -37,10 +39,10 @@ impl Default for Facing {
 type Turned = [Lanes; 6];
 
 impl Facing {
-    /// Draws what of a block of `Outline::edges` the lidar may see, now or with the next edges; `finish` draws what is left.
+    /// Draws what of a block the lidar may see, now or with the next block; `finish` draws what is left.
     #[inline(always)]
-    pub fn add(&mut self, edges: &[Lanes; 7], view: View, fan: &Fan, draws: &mut Draws, depth: &mut [Lanes]) {
-        let (turned, seen) = turn(edges, view, fan);
+    pub fn add(&mut self, block: &impl Turn, view: View, fan: &Fan, draws: &mut Draws, depth: &mut [Lanes]) {
+        let (turned, seen) = block.turn(view, fan);
         self.wait(&turned, seen);
         if self.len >= BLOCK {
             self.draw(BLOCK, fan, draws, depth);
@@ -80,7 +82,7 @@ impl Facing {
         }
         for pair in pairs {
             let (lane, block) = lane_and_block(*pair);
-            draw_edge(&ready, lane, &fan.cos[block], &fan.sin[block], &mut depth[block]);
+            draw_edge(&ready, lane, &fan.directions[block], &mut depth[block]);
         }
     }
 }
@@ -88,25 +90,61 @@ impl Facing {
 /// 2^i.
 const BIT: [u32; BLOCK] = [1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768];
 
-/// The edges of a block in the lidar's frame, and a bit for each that faces it and is not behind it.
-#[inline(always)]
-fn turn(edges: &[Lanes; 7], view: View, fan: &Fan) -> (Turned, u32) {
-    let [from_x, from_y, to_x, to_y, along_x, along_y, back] = edges;
-    let mut turned = [Lanes::all(0.0); 6];
-    let mut seen = [0_u32; BLOCK];
-    for i in 0..BLOCK {
-        let (ax, ay) = view.turn(from_x.0[i] - view.x, from_y.0[i] - view.y);
-        let (bx, by) = view.turn(to_x.0[i] - view.x, to_y.0[i] - view.y);
-        let (ex, ey) = view.turn(along_x.0[i], along_y.0[i]);
-        let cross = ax * ey - ay * ex;
-        let behind = fan.is_behind(ax, ay) & fan.is_behind(bx, by);
-        let faces = (cross < 0.0) | (cross > back.0[i]);
-        seen[i] = if faces & !behind { BIT[i] } else { 0 };
-        for (row, value) in turned.iter_mut().zip([ax, ay, bx, by, ex, ey]) {
-            row.0[i] = value;
+/// A block of what has edges.
+pub(super) trait Turn {
+    /// Its edges in the lidar's frame, and a bit for each that faces the lidar and is not behind it.
+    fn turn(&self, view: View, fan: &Fan) -> (Turned, u32);
+}
+
+/// `Outline::edges`.
+impl Turn for [Lanes; 7] {
+    #[inline(always)]
+    fn turn(&self, view: View, fan: &Fan) -> (Turned, u32) {
+        let [from_x, from_y, to_x, to_y, along_x, along_y, back] = self;
+        let mut turned = [Lanes::all(0.0); 6];
+        let mut seen = [0_u32; BLOCK];
+        for i in 0..BLOCK {
+            let (ax, ay) = view.turn(from_x.0[i] - view.x, from_y.0[i] - view.y);
+            let (bx, by) = view.turn(to_x.0[i] - view.x, to_y.0[i] - view.y);
+            let (ex, ey) = view.turn(along_x.0[i], along_y.0[i]);
+            let cross = ax * ey - ay * ex;
+            let behind = fan.is_behind(ax, ay) & fan.is_behind(bx, by);
+            let faces = (cross < 0.0) | (cross > back.0[i]);
+            seen[i] = if faces & !behind { BIT[i] } else { 0 };
+            for (row, value) in turned.iter_mut().zip([ax, ay, bx, by, ex, ey]) {
+                row.0[i] = value;
+            }
         }
+        (turned, seen.iter().fold(0, |bits, bit| bits | bit))
     }
-    (turned, seen.iter().fold(0, |bits, bit| bits | bit))
+}
+
+/// `Outline::faces`: of two opposite faces at most one is seen, the nearer one, if the lidar is not between their lines.
+impl Turn for [Lanes; 6] {
+    #[inline(always)]
+    fn turn(&self, view: View, fan: &Fan) -> (Turned, u32) {
+        let [center_x, center_y, along_x, along_y, across_x, across_y] = self;
+        let mut turned = [Lanes::all(0.0); 6];
+        let mut seen = [0_u32; BLOCK];
+        for i in 0..BLOCK {
+            let (cx, cy) = view.turn(center_x.0[i] - view.x, center_y.0[i] - view.y);
+            let (ux, uy) = view.turn(along_x.0[i], along_y.0[i]);
+            let (wx, wy) = view.turn(across_x.0[i], across_y.0[i]);
+            // The corners are the centre and plus or minus these two, also for the other member of the box: neighbours
+            // share bit-equal corners.
+            let (px, py, qx, qy) = (ux + wx, uy + wy, ux - wx, uy - wy);
+            let (center, half) = (cx * uy - cy * ux, ux * wy - uy * wx);
+            let nearer = (center > 0.0) == (half > 0.0);
+            let (ax, ay) = if nearer { (cx - qx, cy - qy) } else { (cx - px, cy - py) };
+            let (bx, by) = if nearer { (cx + px, cy + py) } else { (cx + qx, cy + qy) };
+            let behind = fan.is_behind(ax, ay) & fan.is_behind(bx, by);
+            seen[i] = if (center.abs() > half.abs()) & !behind { BIT[i] } else { 0 };
+            for (row, value) in turned.iter_mut().zip([ax, ay, bx, by, 2.0 * ux, 2.0 * uy]) {
+                row.0[i] = value;
+            }
+        }
+        (turned, seen.iter().fold(0, |bits, bit| bits | bit))
+    }
 }
 
 impl Ready {
@@ -151,8 +189,8 @@ impl Ready {
     fn draw_ahead(&self, pairs: &[u16], fan: &Fan, depth: &mut [Lanes]) {
         for pair in pairs {
             let (lane, block) = lane_and_block(*pair);
-            let (cos, sin, before) = (&fan.cos[block], &fan.sin[block], depth[block]);
-            draw_edge(self, lane, cos, sin, &mut depth[block]);
+            let ([cos, sin], before) = (&fan.directions[block], depth[block]);
+            draw_edge(self, lane, &fan.directions[block], &mut depth[block]);
             let (right, left) =
                 ([self.right[0].0[lane], self.right[1].0[lane]], [self.left[0].0[lane], self.left[1].0[lane]]);
             if right[0] * left[0] + right[1] * left[1] > 0.0 {
@@ -168,26 +206,25 @@ impl Ready {
 /// The array method, for a fan of `N` blocks: every beam against every edge that faces the lidar. The same operations as
 /// by intervals, so the same bits, but no intervals, and the depth stays in registers.
 #[inline(always)]
-pub(super) fn draw_all<'a, const N: usize>(
-    blocks: impl Iterator<Item = &'a [Lanes; 7]>,
+pub(super) fn draw_all<const N: usize>(
+    blocks: &[impl Turn],
     view: View,
     fan: &Fan,
     facing: &mut Facing,
     draws: &mut Draws,
     depth: &mut [Lanes],
 ) {
-    let (Some(cos), Some(sin)) = (fan.cos.first_chunk::<N>(), fan.sin.first_chunk::<N>()) else { return };
-    let Some(depth) = depth.first_chunk_mut::<N>() else { return };
+    let (Some(beams), Some(depth)) = (fan.directions.first_chunk::<N>(), depth.first_chunk_mut::<N>()) else { return };
     let mut nearest = *depth;
-    for edges in blocks {
-        let (turned, seen) = turn(edges, view, fan);
+    for block in blocks {
+        let (turned, seen) = block.turn(view, fan);
         let edge_on = seen & edge_on(&turned);
         let ready = Ready::new(&turned);
         let mut rest = seen & !edge_on;
         while rest != 0 {
             let lane = rest.trailing_zeros() as usize % BLOCK;
             for block in 0..N {
-                draw_edge(&ready, lane, &cos[block], &sin[block], &mut nearest[block]);
+                draw_edge(&ready, lane, &beams[block], &mut nearest[block]);
             }
             rest &= rest - 1;
         }
@@ -228,7 +265,7 @@ fn inverse_limits(a: [f32; 2], b: [f32; 2], e: [f32; 2]) -> [f32; 2] {
 
 /// Draws edge `lane` over one block of beams.
 #[inline(always)]
-fn draw_edge(ready: &Ready, lane: usize, cos: &Lanes, sin: &Lanes, depth: &mut Lanes) {
+fn draw_edge(ready: &Ready, lane: usize, [cos, sin]: &[Lanes; 2], depth: &mut Lanes) {
     let right = [ready.right[0].0[lane], ready.right[1].0[lane]];
     let left = [ready.left[0].0[lane], ready.left[1].0[lane]];
     let slope = [ready.slope[0].0[lane], ready.slope[1].0[lane]];

@@ -1,7 +1,7 @@
 //! The directions and reach of the beams, and which of them an interval of angles covers.
 
-use super::isa::whole;
 use crate::config::LidarConfig;
+use crate::cpu::whole;
 use crate::world::{BLOCK, Lanes};
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -17,10 +17,8 @@ const SHIFT: u32 = BLOCK.trailing_zeros();
 pub(crate) struct Fan {
     /// Number of beams.
     pub beams: usize,
-    /// Cosine of each beam's angle.
-    pub cos: Vec<Lanes>,
-    /// Sine of each beam's angle.
-    pub sin: Vec<Lanes>,
+    /// Cosine and sine of each beam's angle.
+    pub directions: Vec<[Lanes; 2]>,
     /// How far a beam reaches, m.
     pub range_max: f32,
     /// Angle of beam 0, rad.
@@ -47,16 +45,16 @@ impl Fan {
     pub fn new(lidar: &LidarConfig) -> Self {
         let step = lidar.fov / lidar.beams as f64;
         let direction = |i: usize| libm::sincos(beam_angle(lidar, i.min(lidar.beams - 1)));
-        let lanes = |part: fn((f64, f64)) -> f64| {
-            let block = |start| Lanes(std::array::from_fn(|lane| part(direction(start + lane)) as f32));
-            (0..lidar.beams).step_by(BLOCK).map(block).collect()
+        let block = |start: usize| {
+            let cos = std::array::from_fn(|lane| direction(start + lane).1 as f32);
+            let sin = std::array::from_fn(|lane| direction(start + lane).0 as f32);
+            [Lanes(cos), Lanes(sin)]
         };
         // Half the angle that the field of view leaves, and at most a quarter turn: a larger sector is not convex.
         let behind = (std::f64::consts::PI - 0.5 * lidar.fov).clamp(1e-9, std::f64::consts::FRAC_PI_2);
         Self {
             beams: lidar.beams,
-            cos: lanes(|(_, cos)| cos),
-            sin: lanes(|(sin, _)| sin),
+            directions: (0..lidar.beams).step_by(BLOCK).map(block).collect(),
             range_max: lidar.range_max as f32,
             first_angle: beam_angle(lidar, 0) as f32,
             density: (1.0 / step) as f32,
@@ -67,7 +65,7 @@ impl Fan {
 
     /// Number of beams with the padding of the last block.
     pub fn padded(&self) -> usize {
-        self.cos.len() * BLOCK
+        self.directions.len() * BLOCK
     }
 
     /// Whether the point (ahead, aside) lies in a convex sector that no beam enters.

@@ -6,25 +6,25 @@ mod draw;
 mod edges;
 mod fan;
 mod faults;
-mod isa;
 mod noise;
 mod raster;
+mod view;
 mod walk;
 
 pub use bins::Bins;
 pub use fan::beam_angle;
-pub use isa::Isa;
-pub(crate) use isa::{DefaultMode, prefetch};
 pub(crate) use noise::{draw_normals, sin_turn};
 
 use crate::config::{Caster, LidarConfig};
+use crate::cpu::{Isa, Path};
 use crate::error::Result;
 use crate::pose::Pose;
 use crate::rng::StreamName;
 use crate::world::{BLOCK, Obstacles};
-use draw::View;
 use fan::Fan;
 use noise::Noise;
+use raster::Scan;
+use view::View;
 
 /// A planar lidar on a robot. Ranges are metres from the lidar's own origin.
 #[derive(Debug, Clone)]
@@ -36,7 +36,7 @@ pub struct Lidar {
     offset: f32,
     noise: Noise,
     caster: Caster,
-    isa: Isa,
+    path: Path,
 }
 
 /// Working memory of a scan; one for each thread.
@@ -44,7 +44,6 @@ pub struct Lidar {
 pub struct ScanBuffer {
     raster: raster::Scratch,
     ranges: Vec<f32>,
-    bins: Vec<f32>,
 }
 
 /// What the lidar has around it at one moment.
@@ -87,17 +86,13 @@ impl Lidar {
             offset: libm::hypot(x, y) as f32,
             noise: Noise::new(config),
             caster: config.caster,
-            isa,
+            path: Path::new(isa),
         }
     }
 
     /// Memory for scans of this lidar.
     pub fn buffer(&self) -> ScanBuffer {
-        ScanBuffer {
-            raster: raster::Scratch::new(&self.fan),
-            ranges: vec![0.0; bins::padded(self.fan.beams)],
-            bins: self.bins.memory(),
-        }
+        ScanBuffer { raster: raster::Scratch::new(&self.fan), ranges: vec![0.0; self.fan.padded()] }
     }
 
     /// Number of beams.
@@ -114,17 +109,27 @@ impl Lidar {
     /// meets nothing reports exactly range_max; a lidar inside a solid sees 0 everywhere, before noise and clipping; a
     /// lost beam is NaN.
     ///
+    /// An exact range lies within 1e-4 m of what double precision gives for an origin within 4e-6 m and an angle within
+    /// 1e-6 rad; no beam is left out. Within that rule:
+    /// - a beam through a corner, or through the end of a wall, meets it; none passes between two edges that share it;
+    /// - a beam along an edge does not meet that edge, but what stands at its ends;
+    /// - a lidar on a wall does not see that wall, one on the border of a solid is inside it;
+    /// - a beam that touches a circle meets it;
+    /// - a beam on the border between two bins belongs to the left one (see `Bins`).
+    ///
+    /// With `Caster::Auto` and `Caster::Raster` the bits are the same on every instruction set.
+    ///
     /// The result (m, one per beam) stays in the buffer and is returned.
     pub fn scan<'b>(&self, around: &Surroundings, name: &NoiseName, buffer: &'b mut ScanBuffer) -> &'b [f32] {
         self.cast(around, buffer);
-        isa::disturb(self.isa, &self.noise, name, &mut buffer.ranges[..self.fan.padded()]);
+        self.path.run(noise::Disturb { noise: &self.noise, name, ranges: &mut buffer.ranges });
         &buffer.ranges[..self.fan.beams]
     }
 
     /// Writes the smallest range (m) of each bin of the last scan to `pooled`; a bin that lost all its beams gets
     /// infinity.
-    pub fn pool(&self, buffer: &mut ScanBuffer, pooled: &mut [f32]) {
-        isa::pool(self.isa, &self.bins, &buffer.ranges, &mut buffer.bins, pooled);
+    pub fn pool(&self, buffer: &ScanBuffer, pooled: &mut [f32]) {
+        self.path.run(bins::Pool { bins: &self.bins, ranges: &buffer.ranges, pooled });
     }
 
     /// Exact ranges without noise or lower bound.
@@ -134,7 +139,7 @@ impl Lidar {
         let view =
             View { x: world_from_lidar.x as f32, y: world_from_lidar.y as f32, cos: cos as f32, sin: sin as f32 };
         let origin = [world_from_lidar.x, world_from_lidar.y];
-        let ranges = &mut buffer.ranges[..self.fan.padded()];
+        let ranges = &mut buffer.ranges[..];
         let inside = around.center_distance <= self.offset && around.obstacles.iter().any(|o| o.contains(origin));
         if inside {
             ranges.fill(0.0);
@@ -143,7 +148,7 @@ impl Lidar {
         } else {
             let outlines = around.obstacles.map(Obstacles::outline);
             let shortcuts = self.caster == Caster::Auto;
-            isa::scan(self.isa, outlines, shortcuts, view, &self.fan, &mut buffer.raster, ranges);
+            self.path.run(Scan { outlines, shortcuts, view, fan: &self.fan, scratch: &mut buffer.raster, ranges });
         }
     }
 
@@ -153,7 +158,8 @@ impl Lidar {
 
     fn cast_by_parry(&self, around: &Surroundings, view: &View, ranges: &mut [f32]) {
         for (i, range) in ranges.iter_mut().enumerate() {
-            let (cos, sin) = (self.fan.cos[i / BLOCK].0[i % BLOCK], self.fan.sin[i / BLOCK].0[i % BLOCK]);
+            let [cos, sin] = &self.fan.directions[i / BLOCK];
+            let (cos, sin) = (cos.0[i % BLOCK], sin.0[i % BLOCK]);
             let direction = [view.cos * cos - view.sin * sin, view.sin * cos + view.cos * sin];
             *range = around.obstacles.iter().fold(self.noise.range_max, |nearest, obstacles| {
                 obstacles.cast_ray([view.x, view.y], direction, nearest)

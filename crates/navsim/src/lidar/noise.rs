@@ -1,11 +1,12 @@
 //! What a real lidar does to a scan, for all beams at once: noise, resolution, limits and lost beams.
 //!
 //! Gaussian noise comes from Philox words by Box and Muller, in blocks; the same source serves every instruction set
-//! (see `isa`) and gives the same bits on all of them.
+//! (see `cpu`) and gives the same bits on all of them.
 
 use super::NoiseName;
 use super::faults;
 use crate::config::LidarConfig;
+use crate::cpu::Kernel;
 use crate::rng::StreamName;
 use crate::world::BLOCK;
 
@@ -45,8 +46,22 @@ impl Noise {
     }
 }
 
-/// Turns the exact `ranges` (m, padded to whole blocks of 16, at most `range_max`) into those that the lidar reports:
-/// noise on hits, rounded to the resolution and clipped to the limits; lost beams are NaN.
+/// Turns exact ranges into those that the lidar reports: noise on hits, rounded to the resolution and clipped to the
+/// limits; lost beams are NaN.
+pub(super) struct Disturb<'a> {
+    pub noise: &'a Noise,
+    pub name: &'a NoiseName,
+    /// Range of every beam, m, padded to whole blocks of 16, at most `range_max`.
+    pub ranges: &'a mut [f32],
+}
+
+impl Kernel for Disturb<'_> {
+    #[inline(always)]
+    fn run(self) {
+        disturb(self.noise, self.name, self.ranges);
+    }
+}
+
 #[inline(always)]
 pub(super) fn disturb(noise: &Noise, name: &NoiseName, ranges: &mut [f32]) {
     let first_block = name.scan.wrapping_mul((ranges.len().div_ceil(ROUND) * BLOCK) as u32);

@@ -4,15 +4,17 @@
 //! beam's direction, 1/t = (c e_y - s e_x) / (a x e) for an edge from a along e, so the nearest edge of a beam is the
 //! largest of a few multiplications: no division and no branch in the inner loop. Circles follow in ranges.
 //!
-//! One source serves every instruction set (see `isa`): plain loops over blocks of 16, no fused multiply-add, and only
+//! One source serves every instruction set (see `cpu`): plain loops over blocks of 16, no fused multiply-add, and only
 //! operations that are rounded exactly, so that all of them give the same bits.
 
 use super::circles;
-use super::draw::{Draws, View};
-use super::edges::{Facing, draw_all};
+use super::draw::Draws;
+use super::edges::{Facing, Turn, draw_all};
 use super::fan::Fan;
+use super::view::View;
 use super::walk::{Depth, Walk};
-use crate::world::{BLOCK, Lanes, Outline};
+use crate::cpu::Kernel;
+use crate::world::{BLOCK, Blocks, Lanes, Outline};
 
 /// Working memory of a scan, one for each thread.
 #[derive(Debug, Clone)]
@@ -26,7 +28,7 @@ pub(crate) struct Scratch {
 impl Scratch {
     /// Memory for scans of `fan`.
     pub fn new(fan: &Fan) -> Self {
-        let blocks = fan.cos.len();
+        let blocks = fan.directions.len();
         Self {
             depth: vec![Lanes::all(0.0); blocks],
             draws: Draws::new(blocks),
@@ -36,18 +38,28 @@ impl Scratch {
     }
 }
 
-/// Computes the ranges (m) of all beams of `fan` in the lidar's frame against `outlines`; `ranges` has the padded
-/// length of the fan. A beam that meets nothing within `range_max` of the fan gets exactly that. The lidar must not be
-/// inside a solid. `shortcuts` allows what is faster and gives the same bits: trees, and the array method for few beams.
+/// Computes the range of every beam. A beam that meets nothing within `range_max` of the fan gets exactly that.
+pub(super) struct Scan<'a> {
+    /// What there is to be seen; the lidar is not inside a solid.
+    pub outlines: [&'a Outline; 2],
+    /// Allows what is faster and gives the same bits: trees, and the array method for few beams.
+    pub shortcuts: bool,
+    pub view: View,
+    pub fan: &'a Fan,
+    pub scratch: &'a mut Scratch,
+    /// Result, m, with the padded length of the fan.
+    pub ranges: &'a mut [f32],
+}
+
+impl Kernel for Scan<'_> {
+    #[inline(always)]
+    fn run(self) {
+        scan(self);
+    }
+}
+
 #[inline(always)]
-pub(super) fn scan(
-    outlines: [&Outline; 2],
-    shortcuts: bool,
-    view: View,
-    fan: &Fan,
-    scratch: &mut Scratch,
-    ranges: &mut [f32],
-) {
+fn scan(Scan { outlines, shortcuts, view, fan, scratch, ranges }: Scan) {
     let range_max = fan.range_max;
     let farthest = 1.0 / range_max;
     scratch.depth.fill(Lanes::all(farthest));
@@ -69,34 +81,41 @@ pub(super) fn scan(
 /// Draws all edges into the depth buffer of inverse ranges.
 #[inline(always)]
 fn draw_edges(outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, scratch: &mut Scratch) {
-    let Scratch { depth, draws, facing, walk } = scratch;
-    if shortcuts && outlines.iter().all(|outline| outline.edges.tree().is_none()) {
-        let blocks = outlines.iter().flat_map(|outline| outline.edges.blocks());
-        match depth.len() {
-            1 => return draw_all::<1>(blocks, view, fan, facing, draws, depth),
-            2 => return draw_all::<2>(blocks, view, fan, facing, draws, depth),
-            3 => return draw_all::<3>(blocks, view, fan, facing, draws, depth),
-            4 => return draw_all::<4>(blocks, view, fan, facing, draws, depth),
-            _ => {}
-        }
-    }
     for outline in outlines {
-        let blocks = outline.edges.blocks();
-        match outline.edges.tree().filter(|_| shortcuts) {
-            None => {
+        draw_blocks(&outline.faces, shortcuts, view, fan, scratch);
+        draw_blocks(&outline.edges, shortcuts, view, fan, scratch);
+    }
+    let Scratch { depth, draws, facing, .. } = scratch;
+    facing.finish(fan, draws, depth);
+}
+
+/// Draws the edges of `all` into the depth buffer, but for those that wait for more.
+#[inline(always)]
+fn draw_blocks<const ROWS: usize>(all: &Blocks<ROWS>, shortcuts: bool, view: View, fan: &Fan, scratch: &mut Scratch)
+where
+    [Lanes; ROWS]: Turn,
+{
+    let Scratch { depth, draws, facing, walk } = scratch;
+    let blocks = all.blocks();
+    match all.tree().filter(|_| shortcuts) {
+        Some(tree) => {
+            walk.start(tree, view, fan);
+            while let Some(leaf) = walk.next(tree, view, fan, depth, Depth::Inverse) {
+                facing.add(&blocks[leaf], view, fan, draws, depth);
+            }
+        }
+        None => match depth.len() {
+            1 if shortcuts => draw_all::<1>(blocks, view, fan, facing, draws, depth),
+            2 if shortcuts => draw_all::<2>(blocks, view, fan, facing, draws, depth),
+            3 if shortcuts => draw_all::<3>(blocks, view, fan, facing, draws, depth),
+            4 if shortcuts => draw_all::<4>(blocks, view, fan, facing, draws, depth),
+            _ => {
                 for block in blocks {
                     facing.add(block, view, fan, draws, depth);
                 }
             }
-            Some(tree) => {
-                walk.start(tree, view, fan);
-                while let Some(leaf) = walk.next(tree, view, fan, depth, Depth::Inverse) {
-                    facing.add(&blocks[leaf], view, fan, draws, depth);
-                }
-            }
-        }
+        },
     }
-    facing.finish(fan, draws, depth);
 }
 
 /// Draws all circles into the depth buffer of ranges.

@@ -1,8 +1,10 @@
 //! The way through a tree of boxes: nearest first, past what is hidden.
 
 use super::circles::half_width;
-use super::draw::{LaneRuns, View, larger, smaller};
+use super::draw::LaneRuns;
 use super::fan::{Fan, Runs};
+use super::view::View;
+use crate::cpu::{larger, smaller};
 use crate::world::{BLOCK, Lanes, Tree};
 use std::f32::consts::PI;
 

@@ -22,7 +22,7 @@ impl Lanes {
 pub(crate) struct Blocks<const N: usize> {
     blocks: Vec<[Lanes; N]>,
     len: usize,
-    tree: Option<Tree>,
+    tree: Option<Box<Tree>>,
 }
 
 impl<const N: usize> Default for Blocks<N> {
@@ -63,7 +63,7 @@ impl<const N: usize> Blocks<N> {
     /// The tree whose leaves are the blocks, after `build_tree`.
     #[inline(always)]
     pub fn tree(&self) -> Option<&Tree> {
-        self.tree.as_ref()
+        self.tree.as_deref()
     }
 
     /// Reorders the members by place and builds a tree over them; `bounds` gives a member's [x0, y0, x1, y1], m. The
@@ -76,6 +76,6 @@ impl<const N: usize> Blocks<N> {
         for member in &members {
             self.push(*member);
         }
-        self.tree = Some(Tree::new(members.iter().map(bounds)));
+        self.tree = Some(Box::new(Tree::new(members.iter().map(bounds))));
     }
 }

@@ -14,7 +14,7 @@ mod scenario;
 pub mod shapes;
 mod tree;
 
-pub(crate) use blocks::{BLOCK, Lanes};
+pub(crate) use blocks::{BLOCK, Blocks, Lanes};
 pub use file::{RandomBoxes, WorldFile};
 pub use generator::{Generator, Layout};
 pub use obstacles::Obstacles;

@@ -3,7 +3,7 @@
 use super::blocks::{BLOCK, Blocks, Lanes};
 use super::outline::Outline;
 use super::shapes::Shape;
-use crate::lidar::prefetch;
+use crate::cpu::prefetch;
 use crate::robot::Footprint;
 use parry2d::bounding_volume::{Aabb, BoundingVolume};
 use parry2d::math::{Pose, Rotation, Vector};
@@ -23,7 +23,7 @@ pub struct Obstacles {
     placed: Vec<Placed>,
     /// A disc around each shape: centre x, y and radius, m.
     bounds: Blocks<3>,
-    hierarchy: Option<Bvh>,
+    hierarchy: Option<Box<Bvh>>,
     outline: Outline,
 }
 
@@ -64,7 +64,7 @@ impl Obstacles {
         }
         if shapes.len() >= HIERARCHY_FROM {
             let boxes: Vec<Aabb> = obstacles.placed.iter().map(Placed::aabb).collect();
-            obstacles.hierarchy = Some(Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes));
+            obstacles.hierarchy = Some(Box::new(Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes)));
         }
         obstacles.outline.build_trees();
         obstacles

@@ -2,7 +2,8 @@
 #![allow(dead_code)]
 
 use navsim::config::{Caster, LidarConfig};
-use navsim::lidar::{Isa, Lidar, NoiseName, Surroundings};
+use navsim::cpu::Isa;
+use navsim::lidar::{Lidar, NoiseName, Surroundings};
 use navsim::pose::Pose;
 use navsim::rng::{Purpose, Split, Stream, StreamName};
 use navsim::world::{Obstacles, Shape};
