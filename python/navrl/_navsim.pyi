@@ -8,11 +8,13 @@ from numpy.typing import NDArray
 
 __all__ = [
     "BatchSim",
+    "Controller",
     "Lookahead",
     "Scenario",
     "check_world",
     "draw_list",
     "isa",
+    "lookahead_point",
     "needs_detour",
     "plan",
     "read_list",
@@ -79,6 +81,24 @@ class BatchSim:
     @property
     def episodes(self) -> NDArray[np.uint64]: ...
 
+class Controller:
+    def __new__(cls, name: str, settings: str, sim: str, seed: int) -> Self: ...
+    def forget(self) -> None:
+        """Forgets all robots: their next decision is the first."""
+    def commands(
+        self,
+        ranges: NDArray[np.float32],
+        goal: NDArray[np.float64],
+        velocity: NDArray[np.float64],
+        robots: NDArray[np.uint32] | None,
+    ) -> NDArray[np.float64]:
+        """Commands (N, 2) for ranges (N, beams), goal (N, 2), velocity (N, 2) and robots (N,).
+
+        Raises:
+            TypeError: Another dtype.
+            ValueError: Another shape, a goal or velocity that is no finite number, a negative distance.
+        """
+
 @final
 class Scenario:
     """Start, goal and obstacles as a value, in metres and radians; the keys of a scenario list are its arguments.
@@ -136,6 +156,9 @@ def read_list(text: str, config: str) -> tuple[list[tuple[int, Scenario]], list[
 
 def shortest_path(scenario: Scenario, radius: float) -> float | None:
     """Length (m) of the shortest path of a disc of that radius from the start to the goal circle; None without one."""
+
+def lookahead_point(path: Sequence[Sequence[float]], lookahead: float) -> tuple[float, float]:
+    """Distance (m) and angle (rad) of the point of a path (m, robot's frame) that lies `lookahead` metres ahead."""
 
 def needs_detour(scenario: Scenario, radius: float) -> bool:
     """Whether the segment from start to goal, swept by a disc of that radius, touches an obstacle."""

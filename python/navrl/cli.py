@@ -142,6 +142,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_eval(commands)
     _add_play(commands)
     _add_bench(commands)
+    _add_tune(commands)
     _add_config(commands)
     doctor = commands.add_parser("doctor", help="versions, processor, and a self-test of a few seconds")
     doctor.set_defaults(command="doctor", run="doctor:doctor", takes_settings=False)
@@ -215,6 +216,25 @@ def _add_bench(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
     parser.add_argument("--threads", metavar="N", help="threads (default: all cores)")
     parser.add_argument("--noise", metavar="S", help="lidar noise (default 0.008 m)")
     parser.add_argument("--json", metavar="F", help="write the figures to F")
+
+
+def _add_tune(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
+    parser = commands.add_parser(
+        "tune",
+        help="find settings of a classical controller on the tuning list",
+        epilog="The same command continues a search. Settings that are not searched: --KEY.PATH VALUE.",
+    )
+    parser.set_defaults(command="tune", run="tune:tune", takes_settings=True)
+    parser.add_argument("name", metavar="NAME", help="dwa, apf, gap or mppi")
+    parser.add_argument("--world", metavar="W", help="td3 (default), boxes or a world file (.json)")
+    parser.add_argument("--boxes", metavar="K", help="number of boxes of the world boxes")
+    parser.add_argument("--robot", metavar="R", help="turtlebot3_burger or turtlebot3_waffle")
+    parser.add_argument("--config", metavar="F.toml", help="settings from a file")
+    parser.add_argument("--trials", metavar="N", default="100", help="budget (default 100)")
+    parser.add_argument("--episodes", metavar="N", default="500", help="scenarios of a trial (default 500)")
+    parser.add_argument("--seed", metavar="K", default="0", help="seed of the search (default 0)")
+    parser.add_argument("--threads", metavar="N", help="threads (default: all cores); never changes results")
+    parser.add_argument("--out", metavar="DIR", required=True, help="folder of the search, new or its own")
 
 
 def _add_config(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type

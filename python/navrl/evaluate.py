@@ -1,6 +1,7 @@
 """The one evaluator: every scenario of a fixed list exactly once, without exploration noise (equation 13).
 
     evaluate(policy, "test") -> Evaluation;  evaluate(policy, scenario_list, sim=..., num_threads=2)
+    evaluate(Controller("dwa"), "test");  evaluate(my_controller, "test", sim=SimConfig())
 
 Training, `navrl eval` and comparisons call it, so that they agree episode by episode. The scenario's place in the list
 names its lidar noise: a result depends neither on threads nor on how many scenarios run beside it.
@@ -9,17 +10,18 @@ names its lidar noise: a result depends neither on threads nor on how many scena
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from navrl.batch import BatchSim, Scenario
 from navrl.config import SimConfig
+from navrl.controllers import Command, Commander, Controller, Remembering
 from navrl.durable import write_file
 from navrl.machine import cores
 from navrl.metrics import OUTCOMES, RUNNING, Episode, Scores, summarize
@@ -39,16 +41,23 @@ EVALUATION_SEED = 0
 """Seed of the lidar's noise; the streams of given scenarios are apart from those of training."""
 
 
+@runtime_checkable
 class Actor(Protocol):
-    """What can be evaluated: a policy, or anything that acts on observations."""
+    """A policy, or anything that acts on observations."""
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """Actions (N, 2) float32 in [-1, 1] for observations (N, bins + 4) float32."""
 
 
+Contender = Actor | Command | Commander | Remembering
+"""What can be evaluated: policies, and controllers as functions or as objects with a method `command`."""
+Driver = Callable[[BatchSim, NDArray[np.intp]], NDArray[np.float32]]
+"""From a simulator and the robots that still run to their actions (N, 2) float32 in [-1, 1]."""
+
+
 @dataclass(frozen=True)
 class Evaluation:
-    """How a policy did on a list."""
+    """How a contender did on a list."""
 
     summary: Scores
     """Rates, intervals and means."""
@@ -69,7 +78,7 @@ class Evaluation:
 
 
 def evaluate(
-    policy: Actor,
+    contender: Contender,
     scenarios: ScenarioList | Split | Sequence[Scenario] = "test",
     *,
     sim: SimConfig | None = None,
@@ -78,42 +87,43 @@ def evaluate(
     """Runs every scenario of a list exactly once.
 
     Args:
-        policy: What drives.
+        contender: What drives: a policy, a controller, or a callable with a controller's signature.
         scenarios: A list, the purpose of a built-in one, or scenarios one by one.
-        sim: Robot, lidar and task, and the world of a built-in list; those of the policy in "td3" if None.
+        sim: Robot, lidar and task, and the world of a built-in list; the contender's if None, for a policy in "td3".
         num_threads: Threads that step the robots, 0 for all cores; they do not change results.
 
     Returns:
         Scores and episodes.
 
     Raises:
-        PolicyError: The policy was trained for another robot, lidar or period than `sim` has, or `sim` is missing.
+        PolicyError: The contender is for another robot, lidar or period than `sim` has, or `sim` is missing.
         ScenarioError: There is no such list, it is empty, or the robot cannot run one of its scenarios.
-        ValueError: The policy returned actions of another shape.
+        TypeError: The contender has neither of the methods `act` and `command`, nor can it be called.
+        ValueError: It returned actions or commands of another shape, or NaN.
     """
-    description = getattr(policy, "description", None)
+    own = _own_sim(contender)
     if sim is None:
-        if not isinstance(description, PolicyDescription):
+        if own is None:
             raise PolicyError("sim: must be given for a policy without a description of its robot")
-        sim = description.sim_config()
-    elif isinstance(description, PolicyDescription):
-        check_fits(description, sim)
+        sim = own
+    elif own is not None:
+        _check_same(own, sim, contender)
     threads = num_threads or cores()
     if isinstance(scenarios, str):
         scenarios = load_list(sim, scenarios, num_threads=threads)
     elif not isinstance(scenarios, ScenarioList):
         scenarios = given_list(scenarios, sim, num_threads=threads)
     with threadpool_limits(1, user_api="blas"):
-        simulator = run_to_end(policy, scenarios.scenarios, sim, num_threads=threads)
+        simulator = run_to_end(contender, scenarios.scenarios, sim, num_threads=threads)
     episodes = _episodes(simulator, scenarios, sim.task.period)
     return Evaluation(summarize(scenarios.name, scenarios.sha256, episodes), episodes)
 
 
-def run_to_end(policy: Actor, scenarios: Sequence[Scenario], sim: SimConfig, *, num_threads: int) -> BatchSim:
+def run_to_end(contender: Contender, scenarios: Sequence[Scenario], sim: SimConfig, *, num_threads: int) -> BatchSim:
     """Drives each scenario until it ends.
 
     Args:
-        policy: What drives.
+        contender: What drives.
         scenarios: Robot k runs scenario k.
         sim: Robot, lidar and task.
         num_threads: Threads that step the robots.
@@ -129,33 +139,79 @@ def run_to_end(policy: Actor, scenarios: Sequence[Scenario], sim: SimConfig, *, 
         autoreset=False,
         scenarios=scenarios,
     )
+    drive = driver(contender, sim)
     actions = np.zeros((len(scenarios), 2), np.float32)
     running = np.arange(len(scenarios))
     while running.size:
-        actions[running] = _actions(policy, simulator.observations[running])
+        actions[running] = drive(simulator, running)
         simulator.step(actions)
         running = running[simulator.outcome[running] == RUNNING]
     return simulator
 
 
-def _actions(policy: Actor, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-    actions, expected = np.asarray(policy.act(observations)), (len(observations), 2)
-    if actions.shape != expected:
-        raise ValueError(f"act: expected actions of shape {expected}, got {actions.shape}")
-    return actions
-
-
-def check_fits(description: PolicyDescription, sim: SimConfig) -> None:
-    """Refuses to let a policy drive a robot that it was not trained for.
+def driver(contender: Contender, sim: SimConfig) -> Driver:
+    """What drives any contender: a policy by observations, a controller by ranges, goal and velocity.
 
     Args:
-        description: What the policy was trained for.
-        sim: What it is to drive.
+        contender: A policy, a controller, or a callable with a controller's signature. What it remembers is forgotten.
+        sim: Robot and lidar.
+
+    Returns:
+        The function that the evaluator calls in every period.
 
     Raises:
-        PolicyError: Names the first difference in limits, footprint, lidar or period.
+        TypeError: The contender has neither of the methods `act` and `command`, nor can it be called.
     """
-    own = description.sim_config()
+    if isinstance(contender, Actor):
+        act = contender.act
+
+        def by_observations(simulator: BatchSim, running: NDArray[np.intp]) -> NDArray[np.float32]:
+            actions = _checked("act", "actions", act(simulator.observations[running]), running)
+            return np.asarray(actions, np.float32)
+
+        return by_observations
+    if isinstance(contender, Remembering):
+        contender.reset()
+        return _by_command(contender.command, sim, with_robots=True)
+    command = getattr(contender, "command", contender)
+    if not callable(command):
+        raise TypeError(f"{type(contender).__name__}: neither a policy with act nor a controller with command")
+    return _by_command(command, sim, with_robots=False)
+
+
+def _by_command(command: Callable[..., ArrayLike], sim: SimConfig, *, with_robots: bool) -> Driver:
+    bins, largest = sim.lidar.bins, np.array([sim.robot.v_max, sim.robot.omega_max])
+
+    def drive(simulator: BatchSim, running: NDArray[np.intp]) -> NDArray[np.float32]:
+        # The goal as the robot knows it: distance and angle behind the bins of its observation.
+        goal = simulator.observations[running, bins : bins + 2].astype(np.float64)
+        known = (simulator.ranges[running], goal, simulator.velocities[running])
+        commands = command(*known, running) if with_robots else command(*known)
+        # Eq. 6 backwards: a1 = 2 v / v_max - 1, a2 = omega / omega_max
+        actions = _checked("command", "commands", commands, running) / largest * [2.0, 1.0] - [1.0, 0.0]
+        return np.asarray(actions, np.float32)
+
+    return drive
+
+
+def _checked(method: str, noun: str, answer: ArrayLike, running: NDArray[np.intp]) -> NDArray[np.floating]:
+    array, expected = np.asarray(answer), (len(running), 2)
+    if array.shape != expected:
+        raise ValueError(f"{method}: expected {noun} of shape {expected}, got {array.shape}")
+    return array
+
+
+def _own_sim(contender: Contender) -> SimConfig | None:
+    """The simulator that the contender belongs to, if it says."""
+    description, sim = getattr(contender, "description", None), getattr(contender, "sim", None)
+    if isinstance(description, PolicyDescription):
+        return description.sim_config()
+    return sim if isinstance(sim, SimConfig) else None
+
+
+def _check_same(own: SimConfig, sim: SimConfig, contender: Contender) -> None:
+    """Refuses a contender for the robot `own` with the first difference in limits, footprint, lidar or period."""
+    made_for = "the controller was made for" if isinstance(contender, Controller) else "the policy was trained for"
     sizes = SIZES[own.robot.footprint]
     for table, keys in (
         ("robot", (*ROBOT_KEYS, "footprint", *sizes)),
@@ -165,7 +221,7 @@ def check_fits(description: PolicyDescription, sim: SimConfig) -> None:
         for key in keys:
             trained, asked = (getattr(getattr(config, table), key) for config in (own, sim))
             if trained != asked:
-                raise PolicyError(f"{table}.{key} = {asked}: the policy was trained for {trained}")
+                raise PolicyError(f"{table}.{key} = {asked}: {made_for} {trained}")
 
 
 def _episodes(simulator: BatchSim, scenarios: ScenarioList, period: float) -> list[Episode]:

@@ -26,8 +26,7 @@ from pydantic.dataclasses import dataclass
 from navrl import _navsim
 from navrl.batch import Scenario
 from navrl.config import RobotConfig
-from navrl.config.faults import one_line
-from navrl.config.tree import STRICT
+from navrl.config.faults import STRICT, one_line
 
 Planner = Literal["astar", "dijkstra", "rrt", "rrtstar", "antcolony", "fmm"]
 """Names of the planners."""

@@ -39,6 +39,14 @@ fn type_name(argument: &Bound<'_, PyAny>) -> String {
     argument.get_type().name().map_or_else(|_| "an object".into(), |name| name.to_string())
 }
 
+/// Number of rows of a numpy array.
+pub fn rows(name: &str, argument: &Bound<'_, PyAny>) -> PyResult<usize> {
+    let array = argument
+        .cast::<PyUntypedArray>()
+        .map_err(|_| PyTypeError::new_err(format!("{name}: expected a numpy array, got {}", type_name(argument))))?;
+    array.shape().first().copied().ok_or_else(|| PyValueError::new_err(format!("{name}: expected rows, got a number")))
+}
+
 /// Copies a numpy array of exactly this type and shape into `values`, whatever its strides. The copy is what makes an
 /// argument safe that overlaps a result or is written by another thread during the call.
 pub fn copy_array<T: Element + Copy>(

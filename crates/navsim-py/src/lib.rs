@@ -2,6 +2,7 @@
 
 mod arguments;
 mod batch;
+mod controller;
 mod planner;
 mod scenario;
 
@@ -14,6 +15,8 @@ mod _navsim {
     use super::{check_world, isa};
     #[pymodule_export]
     use crate::batch::BatchSim;
+    #[pymodule_export]
+    use crate::controller::{Controller, lookahead_point};
     #[pymodule_export]
     use crate::planner::{Lookahead, plan};
     #[pymodule_export]

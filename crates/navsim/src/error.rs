@@ -63,6 +63,18 @@ pub enum Error {
         /// Index of the robot.
         robot: usize,
     },
+    /// A number in an array cannot be used.
+    #[error("{name}: row {row}: expected {expected}, got {value}")]
+    Number {
+        /// Name of the argument.
+        name: &'static str,
+        /// What is allowed.
+        expected: &'static str,
+        /// The value that came.
+        value: f64,
+        /// Row of the array.
+        row: usize,
+    },
     /// The simulator's threads belong to another process (it was created before a fork).
     #[error("simulator created in process {created} cannot step in its fork {current}: create it after the fork")]
     Forked {

@@ -10,6 +10,7 @@
 //!   [`robot`] (kinematics), [`collision`], [`lidar`], and [`task`] (observation, reward, episode).
 //!
 //! * [`planner`]: true shortest paths, and paths in the ways that robots use.
+//! * [`controller`]: classical local controllers, from scan, goal and speed to a command.
 //!
 //! Units are SI and radians; x is forward, y left, angles are counter-clockwise. Random numbers come from named
 //! streams ([`rng`]), so that results depend neither on the number of threads nor on the size of the batch.
@@ -19,6 +20,7 @@
 pub mod batch;
 pub mod collision;
 pub mod config;
+pub mod controller;
 pub mod cpu;
 pub mod error;
 pub mod lidar;

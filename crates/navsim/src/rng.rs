@@ -15,6 +15,8 @@ pub enum Purpose {
     Noise = 1,
     /// Beams that the lidar loses.
     LostBeams = 2,
+    /// Samples of a controller.
+    Control = 3,
     /// Samples and ants of a planner.
     Planner = 4,
 }

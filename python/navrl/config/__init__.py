@@ -1,5 +1,6 @@
 """The configuration: its tree of settings, and how files, presets and options are read, checked and refused."""
 
+from navrl.config.controllers import ApfConfig, ControllersConfig, DwaConfig, GapConfig, MppiConfig, PursuitConfig
 from navrl.config.tree import (
     THREADS_MAX,
     WORLDS,
@@ -23,12 +24,18 @@ from navrl.config.tree import (
 __all__ = [
     "THREADS_MAX",
     "WORLDS",
+    "ApfConfig",
     "CheckpointConfig",
     "Config",
+    "ControllersConfig",
+    "DwaConfig",
     "ExplorationConfig",
+    "GapConfig",
     "LearnerConfig",
     "LidarConfig",
+    "MppiConfig",
     "NetworksConfig",
+    "PursuitConfig",
     "ReplayConfig",
     "RewardConfig",
     "RobotConfig",

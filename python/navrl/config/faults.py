@@ -9,12 +9,14 @@ from difflib import get_close_matches
 from functools import wraps
 from typing import Any, TypeVar, get_type_hints
 
-from pydantic import ValidationError
+from pydantic import ConfigDict, ValidationError
 
 from navrl.config.ranges import allowed, allowed_in, choices, keys
 from navrl.errors import SettingError, shown
 
 LONGEST_KEY = 60
+STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+"""How tables are validated: no unknown key, no other type, no infinity."""
 
 _Table = TypeVar("_Table")
 

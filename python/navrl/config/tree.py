@@ -10,16 +10,16 @@ from math import pi
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, Field
 from pydantic.dataclasses import dataclass
 
 from navrl.config.checks import check_config, check_sim
-from navrl.config.faults import one_line
+from navrl.config.controllers import ApfConfig, ControllersConfig, DwaConfig, GapConfig, MppiConfig, PursuitConfig
+from navrl.config.faults import STRICT, one_line
 
 WORLDS = ("td3", "boxes", "open8")
 THREADS_MAX = 256
 """Most threads of a simulator, as the core has it."""
-STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
 def _world(name: Any) -> Any:  # noqa: ANN401 - any value may stand in a file
@@ -345,6 +345,11 @@ class Config:
     validation: ValidationConfig = ValidationConfig()
     checkpoint: CheckpointConfig = CheckpointConfig()
     threads: ThreadsConfig = ThreadsConfig()
+    dwa: DwaConfig = DwaConfig()
+    apf: ApfConfig = ApfConfig()
+    gap: GapConfig = GapConfig()
+    mppi: MppiConfig = MppiConfig()
+    pursuit: PursuitConfig = PursuitConfig()
 
     def __post_init__(self) -> None:
         """Refuses settings that exclude each other.
@@ -358,3 +363,8 @@ class Config:
     def sim(self) -> SimConfig:
         """The part that the simulator reads."""
         return SimConfig(world=self.world, robot=self.robot, lidar=self.lidar, task=self.task, reward=self.reward)
+
+    @property
+    def controllers(self) -> ControllersConfig:
+        """The part that classical controllers read."""
+        return ControllersConfig(dwa=self.dwa, apf=self.apf, gap=self.gap, mppi=self.mppi, pursuit=self.pursuit)

@@ -13,6 +13,7 @@ mod walk;
 
 pub use bins::Bins;
 pub use fan::beam_angle;
+pub(crate) use noise::{draw_normals, sin_turn};
 
 use crate::config::{Caster, LidarConfig};
 use crate::cpu::{Isa, Path};
