@@ -153,6 +153,16 @@ impl BatchSim {
     }
 
     #[getter]
+    fn odometry<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray<f64, Ix2>>> {
+        PyArray::from_iter(py, self.core.odometry().flatten()).reshape([self.core.num_envs(), 3])
+    }
+
+    #[getter]
+    fn clearances<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray<f32, Ix1>> {
+        PyArray::from_iter(py, self.core.clearances())
+    }
+
+    #[getter]
     fn goals<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray<f64, Ix2>>> {
         view(this, |results| &results.goals, |n, _| (n, 2))
     }

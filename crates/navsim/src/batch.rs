@@ -45,7 +45,7 @@ struct State {
     results: Results,
 }
 
-const STATE_VERSION: u32 = 2;
+const STATE_VERSION: u32 = 3;
 
 /// What is done to a range of robots.
 #[derive(Clone, Copy)]
@@ -131,6 +131,16 @@ impl BatchSim {
     /// What `robot` meets in its present episode.
     pub fn scenario(&self, robot: usize) -> Option<Scenario> {
         self.episodes.get(robot).map(|episode| self.task.scenario(robot, episode))
+    }
+
+    /// Where each robot believes to be, by its odometry: x (m), y (m), yaw (rad). Without `robot.odometry_noise` the pose.
+    pub fn odometry(&self) -> impl Iterator<Item = [f64; 3]> + '_ {
+        self.episodes.iter().map(Episode::believed_pose).map(|pose| [pose.x, pose.y, pose.yaw])
+    }
+
+    /// Distance (m) of each robot's footprint from the nearest obstacle now.
+    pub fn clearances(&self) -> impl Iterator<Item = f32> + '_ {
+        self.episodes.iter().map(Episode::clearance)
     }
 
     /// Begins the next episode of all robots, or of those whose `mask` is true.

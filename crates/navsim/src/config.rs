@@ -59,6 +59,10 @@ pub struct RobotConfig {
     pub acceleration_max: f64,
     /// Largest change of turning speed, rad/s^2; 0 means none.
     pub angular_acceleration_max: f64,
+    /// Control periods by which a command acts late, 0 to 100; until the first one acts the robot stands.
+    pub delay_steps: usize,
+    /// Standard deviation of the scale errors of odometry, of distance and of rotation, in [0, 0.2]; 0 means none.
+    pub odometry_noise: f64,
 }
 
 /// Kind of footprint.
@@ -225,6 +229,9 @@ impl SimConfig {
             robot.angular_acceleration_max >= 0.0,
             ">= 0 rad/s^2 (0: no limit)",
         )?;
+        check("robot.delay_steps", robot.delay_steps as f64, robot.delay_steps <= 100, "0 to 100")?;
+        let noise = robot.odometry_noise;
+        check("robot.odometry_noise", noise, (0.0..=0.2).contains(&noise), "in [0, 0.2]")?;
         lidar.validate()?;
         check("task.period", task.period, task.period >= 1e-3 && task.period <= 10.0, "in [0.001, 10] s")?;
         let steps = task.time_limit / task.period;

@@ -90,6 +90,10 @@ class RobotConfig:
     """Largest change of the forward speed (m/s^2); 0 means no limit."""
     angular_acceleration_max: _NotNegative = 0.0
     """Largest change of the turning speed (rad/s^2); 0 means no limit."""
+    delay_steps: Annotated[int, Field(ge=0, le=100)] = 0
+    """Control periods by which a command acts late; the robot stands until the first one acts."""
+    odometry_noise: Annotated[float, Field(ge=0, le=0.2)] = 0.0
+    """Standard deviation of odometry's scale errors, drawn once an episode; the goal is seen from where it leads to."""
 
 
 @one_line
