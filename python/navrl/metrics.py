@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 Outcome = Literal["goal", "collision", "timeout"]
 
@@ -63,6 +63,11 @@ class Episode:
         record["return"] = record.pop("total_return")
         line = {} if self.line is None else {"line": self.line}
         return {key: record[key] for key in EPISODE_KEYS} | line
+
+    @classmethod
+    def from_json(cls, record: dict[str, Any]) -> Self:
+        """The episode that `to_json` made this record of."""
+        return cls(**{"total_return" if key == "return" else key: value for key, value in record.items()})
 
 
 EPISODE_KEYS = (
