@@ -27,6 +27,8 @@ SMALL = [
 SCORES = (
     *("list", "list_sha256", "episodes", "success_rate", "success_ci95", "collision_rate", "collision_ci95"),
     *("timeout_rate", "timeout_ci95", "average_return", "spl", "time_to_goal_s", "path_length_m", "min_clearance_m"),
+    *("path_ratio", "p5_clearance_m", "jerk_m_s3", "omega_change_rad_s", "turning_share"),
+    *("detour_episodes", "detour_success_rate", "detour_success_ci95", "detour_spl"),
 )
 
 
@@ -86,6 +88,7 @@ def test_eval_reports_scores_and_episodes(policy: Path, tmp_path: Path) -> None:
     assert record["summary"]["list"] == "test"
     assert [episode["index"] for episode in record["episodes"]] == list(range(20))
     keys = ["index", "outcome", "steps", "time_s", "path_m", "shortest_m", "return", "min_clearance_m"]
+    keys += ["p5_clearance_m", "jerk_m_s3", "omega_change_rad_s", "turning_share", "needs_detour"]
     assert all(list(episode) == keys for episode in record["episodes"])
 
 

@@ -5,6 +5,7 @@ Results go to stdout, progress and errors to stderr. Nothing heavy is imported b
 
 import argparse
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -86,6 +87,7 @@ def _run(arguments: list[str]) -> int:
     if settings and not options.takes_settings:
         raise UserError(f"{command}: --{settings[0][0]}: this command takes no configuration keys")
     options.settings = settings
+    options.typed = shlex.join(["navrl", *arguments])
     # The module that runs a command brings what the others do without.
     module, _, function = options.run.partition(":")
     code: int = getattr(import_module(f"navrl.commands.{module}"), function)(options)
@@ -142,6 +144,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_eval(commands)
     _add_play(commands)
     _add_bench(commands)
+    _add_compare(commands)
     _add_tune(commands)
     _add_config(commands)
     doctor = commands.add_parser("doctor", help="versions, processor, and a self-test of a few seconds")
@@ -216,6 +219,29 @@ def _add_bench(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
     parser.add_argument("--threads", metavar="N", help="threads (default: all cores)")
     parser.add_argument("--noise", metavar="S", help="lidar noise (default 0.008 m)")
     parser.add_argument("--json", metavar="F", help="write the figures to F")
+
+
+def _add_compare(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
+    parser = commands.add_parser(
+        "compare",
+        help="measure policies, controllers and planners side by side",
+        epilog="The same command continues a comparison; more contenders may be named. Settings: --KEY.PATH VALUE.",
+    )
+    parser.set_defaults(command="compare", run="compare:compare", takes_settings=True)
+    parser.add_argument(
+        "names",
+        metavar="NAME",
+        nargs="+",
+        help="POLICY, dwa, dwa-1997, apf, gap, mppi, straight, random, or one of these or pursuit with a planner that"
+        " leads it on the map, such as pursuit+astar, default+astar, dwa+rrt",
+    )
+    _add_scenarios(parser)
+    parser.add_argument("--level", choices=("ideal", "real"), default="ideal", help="ideal (default) or real")
+    parser.add_argument("--episodes", metavar="N", help="only the first N scenarios")
+    parser.add_argument("--robot", metavar="R", help="turtlebot3_burger or turtlebot3_waffle")
+    parser.add_argument("--config", metavar="F.toml", help="settings from a file")
+    parser.add_argument("--threads", metavar="N", help="threads (default: all cores); never changes results")
+    parser.add_argument("--out", metavar="DIR", required=True, help="folder of the comparison, new or its own")
 
 
 def _add_tune(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type

@@ -24,6 +24,7 @@ from navrl.comparing.folder import ComparisonFolder, Record
 from navrl.comparing.levels import REAL, Level, at_level, settings_of
 from navrl.comparing.timing import decision_times
 from navrl.config import ControllersConfig, SimConfig
+from navrl.durable import write_file
 from navrl.errors import UserError
 from navrl.evaluate import EVALUATION_SEED, measure
 from navrl.paired import bootstrap_interval, differences, mcnemar, mean_difference, only_one
@@ -160,8 +161,6 @@ def write(comparison: Comparison, folder: Path, command: str) -> None:
         folder: An existing folder.
         command: What was typed.
     """
-    from navrl.durable import write_file
-
     results = json.dumps(comparison.to_json(command), indent=2, allow_nan=False) + "\n"
     write_file(folder / "results.json", results.encode())
     lines = [
@@ -172,9 +171,7 @@ def write(comparison: Comparison, folder: Path, command: str) -> None:
     write_file(folder / "episodes.jsonl", "".join(lines).encode())
 
 
-def _settings(
-    scenarios: ScenarioList, sim: SimConfig, level: Level, controllers: ControllersConfig
-) -> dict[str, Any]:
+def _settings(scenarios: ScenarioList, sim: SimConfig, level: Level, controllers: ControllersConfig) -> dict[str, Any]:
     """Everything that results depend on besides the contender."""
     settings = {"navrl": version("navrl"), "level": level, "list": scenarios.name, "list_sha256": scenarios.sha256}
     tables = settings_of(sim) | asdict(controllers) | {"planner": asdict(PlannerConfig()) | {"lookahead": LOOKAHEAD}}
@@ -197,7 +194,8 @@ def _run(
 def _planning(plans: Sequence[Plan], scenarios: ScenarioList) -> dict[str, float]:
     if not plans:
         return {}
-    ratios = [plan.length / l for plan, l in zip(plans, scenarios.shortest.tolist(), strict=True) if plan.found]
+    lengths = zip(plans, scenarios.shortest.tolist(), strict=True)
+    ratios = [plan.length / shortest for plan, shortest in lengths if plan.found]
     found = {"plans_found": len(ratios)} | ({"plan_ratio": float(np.mean(ratios))} if ratios else {})
     return found | _percentiles("planning", [plan.time for plan in plans])
 
@@ -216,7 +214,9 @@ def _pair(a: Record, b: Record, level: Level, list_name: str) -> Pair:
     only_a, only_b = only_one(a.episodes, b.episodes)
     spl = differences([e.spl for e in a.episodes], [e.spl for e in b.episodes])
     spl_interval, spl_mean = bootstrap_interval(spl), mean_difference(spl)
-    assert spl_interval is not None and spl_mean is not None  # every scenario has an SPL
+    # Every scenario has an SPL.
+    assert spl_interval is not None
+    assert spl_mean is not None
     times = [[e.time_s if e.outcome == "goal" else None for e in record.episodes] for record in (a, b)]
     time = differences(*times)
     return Pair(

@@ -3,8 +3,8 @@
     evaluate(policy, "test") -> Evaluation;  evaluate(policy, scenario_list, sim=..., num_threads=2)
     evaluate(Controller("dwa"), "test");  evaluate(my_controller, "test", sim=SimConfig())
 
-Training, `navrl eval` and `navrl compare` call it, so that they agree episode by episode. The scenario's place in the list
-names its lidar noise: a result depends neither on threads nor on how many scenarios run beside it.
+Training, `navrl eval` and `navrl compare` call it, so that they agree episode by episode. The scenario's place in the
+list names its lidar noise: a result depends neither on threads nor on how many scenarios run beside it.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Evaluation:
     episodes: list[Episode]
     """One record for each scenario, in the order of the list."""
     tracks: list[NDArray[np.float32]] = field(default_factory=list, compare=False, repr=False)
-    """Where the robot was after each step of each scenario: (steps, 2), metres."""
+    """Where the robot was after each step of each scenario: (steps, 3) x, y, yaw (m, m, rad)."""
 
     def to_json(self, policy: str) -> dict[str, Any]:
         """The record of `navrl eval --json`.
@@ -274,7 +274,7 @@ def _episodes(simulator: BatchSim, motion: Motion, scenarios: ScenarioList, sim:
         motion.turning_share().tolist(),
         [_navsim.needs_detour(scenario, radius) for scenario in scenarios.scenarios],
     )
-    return [Episode(index, *row) for index, row in enumerate(zip(*columns, strict=True))]  # type: ignore[arg-type]
+    return [Episode(index, *row) for index, row in enumerate(zip(*columns, strict=True))]
 
 
 def _clearances(values: NDArray[np.float64]) -> list[float | None]:

@@ -1,8 +1,8 @@
 """How robots moved: what is measured of every episode step by step, beside what the simulator sums up itself.
 
-    motion = Motion(num_envs, period)
-    motion.observe(simulator, robots)       after every step, with the robots that made it
-    motion.jerk(), motion.clearance(5), ... (num_envs,) each
+motion = Motion(num_envs, period)
+motion.observe(simulator, robots)       after every step, with the robots that made it
+motion.jerk(), motion.clearance(5), ... (num_envs,) each
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Motion:
             robots: (n,) those that made the step; all that have made the ones before, less those that have ended.
         """
         velocities, last = simulator.velocities[robots], self._last[robots]
-        self._history.append((robots, simulator.clearances[robots], simulator.poses[robots, :2].astype(np.float32)))
+        self._history.append((robots, simulator.clearances[robots], simulator.poses[robots].astype(np.float32)))
         if len(self._history) >= 2:
             self._omega_change[robots] += np.abs(velocities[:, 1] - last[:, 0, 1])
         if len(self._history) >= 3:
@@ -85,11 +85,12 @@ class Motion:
         rank = percentile / 100 * (self.steps - 1)
         low, everyone = np.floor(rank).astype(np.intp), np.arange(len(self.steps))
         below, above = (rows[place, everyone].astype(np.float64) for place in (low, np.ceil(rank).astype(np.intp)))
-        return below + (rank - low) * (above - below)
+        values: NDArray[np.float64] = below + (rank - low) * (above - below)
+        return values
 
     def tracks(self) -> list[NDArray[np.float32]]:
-        """Where each robot was after each of its steps: (steps, 2) float32 each, metres."""
-        rows = np.empty((len(self._history), len(self.steps), 2), np.float32)
+        """Where each robot was after each of its steps: (steps, 3) float32 each, x, y, yaw (m, m, rad)."""
+        rows = np.empty((len(self._history), len(self.steps), 3), np.float32)
         for row, (robots, _, places) in zip(rows, self._history, strict=True):
             row[robots] = places
         return [rows[:steps, robot].copy() for robot, steps in enumerate(self.steps.tolist())]

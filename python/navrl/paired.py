@@ -1,6 +1,6 @@
 """Differences between two contenders that ran the same list, scenario by scenario.
 
-    only_one(a, b) -> 12, 3;  mcnemar(12, 3) -> p;  bootstrap_interval(differences, seed=0) -> (low, high)
+only_one(a, b) -> 12, 3;  mcnemar(12, 3) -> p;  bootstrap_interval(differences, seed=0) -> (low, high)
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ def mcnemar(only_a: int, only_b: int) -> float:
     differing = only_a + only_b
     # p = min(1, 2 sum_{k <= min(b, c)} C(b + c, k) / 2^(b + c))
     tail = sum(math.comb(differing, k) for k in range(min(only_a, only_b) + 1))
-    return min(1.0, 2 * tail / 2**differing)
+    p: float = 2 * tail / 2**differing
+    return min(1.0, p)
 
 
 def differences(a: Sequence[float | None], b: Sequence[float | None]) -> NDArray[np.float64]:
@@ -61,9 +62,7 @@ def mean_difference(values: NDArray[np.float64]) -> float | None:
     return math.fsum(there) / len(there) if len(there) else None
 
 
-def bootstrap_interval(
-    values: ArrayLike, *, seed: int = 0, resamples: int = RESAMPLES
-) -> tuple[float, float] | None:
+def bootstrap_interval(values: ArrayLike, *, seed: int = 0, resamples: int = RESAMPLES) -> tuple[float, float] | None:
     """95 % interval of the mean of paired differences: percentiles over lists drawn with replacement from the worlds.
 
     Args:

@@ -3,8 +3,8 @@
     entry = enter("default+astar")                        a name, read; policies are loaded
     drive = entry.driver(scenarios, sim, controllers)     what the evaluator calls in every period
 
-Only a contender with a planner gets the map, and only the planner reads it: what drives has its scan, the goal that it is
-led to, and its own speed, as all others have.
+Only a contender with a planner gets the map, and only the planner reads it: what drives has its scan, the goal that it
+is led to, and its own speed, as all others have.
 """
 
 from __future__ import annotations

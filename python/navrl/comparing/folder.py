@@ -36,7 +36,7 @@ class Record:
     episodes: list[Episode]
     """One for each scenario."""
     tracks: list[NDArray[np.float32]]
-    """(steps, 2) places after each step of each scenario, metres."""
+    """(steps, 3) x, y, yaw (m, m, rad) after each step of each scenario."""
 
     def solved(self) -> list[bool]:
         """Which scenarios it reached the goal of."""
@@ -85,9 +85,9 @@ class ComparisonFolder:
             raise UserError(f"{self.path}: holds results of another policy {name}; choose another folder")
         episodes = [Episode.from_json(episode) for episode in record["episodes"]]
         with np.load(file.with_suffix(file.suffix + ".npz"), allow_pickle=False) as arrays:
-            places = arrays["places"]
+            poses = arrays["poses"]
         ends = np.cumsum([episode.steps for episode in episodes])
-        return Record(name, record["scores"], episodes, np.split(places, ends[:-1]))
+        return Record(name, record["scores"], episodes, np.split(poses, ends[:-1]))
 
     def keep(self, record: Record, policy_sha256: str | None) -> None:
         """Keeps what a contender did; a crash leaves it complete or absent.
@@ -97,7 +97,7 @@ class ComparisonFolder:
             policy_sha256: Its policy, if it has one.
         """
         file, content = self._file(record.name), io.BytesIO()
-        np.savez_compressed(content, places=np.concatenate(record.tracks))
+        np.savez_compressed(content, poses=np.concatenate(record.tracks))
         write_file(file.with_suffix(file.suffix + ".npz"), content.getvalue())
         episodes = [episode.to_json() for episode in record.episodes]
         kept = {"name": record.name, "policy_sha256": policy_sha256, "scores": record.scores, "episodes": episodes}
