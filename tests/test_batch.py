@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from navrl.batch import BatchSim, Scenario, draw_list
-from navrl.config import LidarConfig, SimConfig, WorldConfig
+from navrl.config import LidarConfig, RobotConfig, SimConfig, WorldConfig
 
 SHAPES = {
     "observations": ((3, 24), np.float32),
@@ -213,6 +213,32 @@ def test_a_state_is_restored_bit_for_bit() -> None:
     assert sim.state() == other.state()
     with pytest.raises(ValueError, match="simulator state"):
         sim.restore(b"nonsense")
+
+
+def test_late_commands_and_odometry_are_configured_seen_and_restored() -> None:
+    sim = SimConfig(robot=RobotConfig(delay_steps=1, odometry_noise=0.1))
+    first, second = (BatchSim(sim, num_envs=5, num_threads=threads) for threads in (1, 2))
+    forward = np.tile(np.array([1, 0.3], np.float32), (5, 1))
+    first.step(forward)
+    assert not first.velocities.any()
+    assert np.array_equal(first.odometry, first.poses)
+    for _ in range(10):
+        first.step(forward)
+    assert first.velocities[0].tolist() == pytest.approx([0.5, 0.3])
+    believed, goals = first.odometry, first.goals
+    assert (believed != first.poses).any(axis=1).all()
+    seen = np.hypot(goals[:, 0] - believed[:, 0], goals[:, 1] - believed[:, 1])
+    assert first.observations[:, -4] == pytest.approx(seen, rel=1e-6)
+    assert (first.clearances >= first.episode_clearance).all()
+    # Copies: a step leaves them as they were.
+    before = believed.copy()
+    second.restore(first.state())
+    for _ in range(30):
+        first.step(forward)
+        second.step(forward)
+    assert np.array_equal(believed, before)
+    assert np.array_equal(first.odometry, second.odometry)
+    assert np.array_equal(first.observations, second.observations)
 
 
 def test_seeds_share_no_world() -> None:
