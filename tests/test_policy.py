@@ -372,13 +372,16 @@ def test_a_description_leads_back_to_the_configuration() -> None:
     assert sim.robot == replace(config.robot, radius=RobotConfig().radius)
 
 
-def test_a_description_keeps_the_faults_of_the_lidar(tmp_path: Path) -> None:
+def test_a_description_keeps_the_faults_of_lidar_and_robot(tmp_path: Path) -> None:
     lidar = LidarConfig(noise_per_meter=0.01, resolution=0.005, drop_probability=0.02)
-    description = PolicyDescription.from_config(Config(lidar=lidar))
+    robot = RobotConfig(delay_steps=2, odometry_noise=0.03)
+    description = PolicyDescription.from_config(Config(lidar=lidar, robot=robot))
     save_policy(tmp_path, random_policy(description).weights, description)
-    assert load_policy(tmp_path).description.sim_config().lidar == lidar
+    sim = load_policy(tmp_path).description.sim_config()
+    assert (sim.lidar, sim.robot) == (lidar, robot)
     # The policy that ships was described before there were faults.
-    assert load_policy("default").description.sim_config().lidar == LidarConfig()
+    sim = load_policy("default").description.sim_config()
+    assert (sim.lidar, sim.robot) == (LidarConfig(), RobotConfig())
 
 
 def test_saving_replaces_the_older_policy(tmp_path: Path) -> None:
