@@ -187,8 +187,8 @@ impl Task {
         episode.waiting.clear();
         episode.waiting.resize(self.config.robot.delay_steps, [0.0, 0.0]);
         let noise = self.config.robot.odometry_noise;
-        episode.odometry = (noise > 0.0)
-            .then(|| Odometry::new(episode.start, noise, &self.stream(Purpose::Odometry, robot, episode)));
+        episode.odometry =
+            (noise > 0.0).then(|| Odometry::new(episode.start, noise, &self.stream(Purpose::Odometry, robot, episode)));
         episode.clearance = clearance(&self.footprint, &episode.pose, self.obstacles(robot, episode));
         episode.statistics = Statistics { clearance: episode.clearance, ..Statistics::default() };
         episode.goal_distance = self.observe(robot, episode, workspace, row).1;
