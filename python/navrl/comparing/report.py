@@ -135,7 +135,8 @@ def headline(comparison: Comparison, world: str) -> str:
     """What was compared, in a line."""
     scenarios = comparison.scenarios
     which = "" if scenarios.name == world else f", list {scenarios.name}"
-    contenders = f"{len(comparison.records)} contenders on {world}{which}, level {comparison.level}"
+    count = len(comparison.records)
+    contenders = f"{count} contender{'' if count == 1 else 's'} on {world}{which}, level {comparison.level}"
     return f"{contenders}: {len(scenarios):,} scenarios"
 
 
