@@ -9,7 +9,8 @@ import pytest
 
 import navrl.tune
 from navrl.cli import main
-from navrl.config import Config, ControllersConfig, WorldConfig
+from navrl.comparing.levels import at_level
+from navrl.config import Config, ControllersConfig, SimConfig, WorldConfig
 from navrl.config.controllers import searched
 from navrl.config.files import load_config
 from navrl.errors import UserError
@@ -17,6 +18,22 @@ from navrl.metrics import Episode
 from navrl.tune import TUNABLE, penalised_time, tune
 
 BOXES = Config(world=WorldConfig(name="boxes", boxes=4))
+
+
+def test_a_search_at_a_level_drives_the_robot_of_that_level(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    searched_for = []
+
+    def search(name: str, config: Config, folder: Path, **_: object) -> SimpleNamespace:
+        searched_for.append(config)
+        return SimpleNamespace(scores={"success_rate": 0.5, "success_ci95": (0.4, 0.6), "spl": 0.3})
+
+    monkeypatch.setattr(navrl.tune, "tune", search)
+    for level in ("ideal", "real"):
+        assert main(["tune", "gap", "--level", level, "--gap.margin", "0.1", "--out", str(tmp_path / level)]) == 0
+    ideal, real = searched_for
+    assert ideal.sim == Config().sim
+    assert real.sim == at_level(SimConfig(), "real")
+    assert ideal.gap.margin == real.gap.margin == 0.1
 
 
 def test_failures_cost_ten_time_limits() -> None:

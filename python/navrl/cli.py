@@ -256,6 +256,7 @@ def _add_tune(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
     parser.add_argument("--boxes", metavar="K", help="number of boxes of the world boxes")
     parser.add_argument("--robot", metavar="R", help="turtlebot3_burger or turtlebot3_waffle")
     parser.add_argument("--config", metavar="F.toml", help="settings from a file")
+    parser.add_argument("--level", choices=("ideal", "real"), default="ideal", help="ideal (default) or real")
     parser.add_argument("--trials", metavar="N", default="100", help="budget (default 100)")
     parser.add_argument("--episodes", metavar="N", default="500", help="scenarios of a trial (default 500)")
     parser.add_argument("--seed", metavar="K", default="0", help="seed of the search (default 0)")

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import get_args
 
 from navrl.commands.options import given_settings, threads, whole_number
+from navrl.comparing.levels import at_level
 from navrl.config.controllers import Tunable
 from navrl.config.files import load_config
 from navrl.errors import UserError
@@ -19,6 +20,7 @@ def tune(options: Namespace) -> int:
     if options.boxes is not None and options.world != "boxes":
         raise UserError(f"--boxes {options.boxes}: goes with --world boxes")
     config = load_config(options.config, robot=options.robot, options=given_settings(options, "world", "boxes"))
+    config = at_level(config, options.level)
     trials = whole_number("--trials", options.trials, 1, 10**6)
     episodes = whole_number("--episodes", options.episodes, 1, 10**6)
     seed = whole_number("--seed", options.seed, 0, 2**31)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeVar, get_args
 
-from navrl.config import SimConfig
+from navrl.config import Config, SimConfig
 
 Level = Literal["ideal", "real"]
 LEVELS: tuple[Level, ...] = get_args(Level)
@@ -23,19 +23,23 @@ REAL: dict[str, dict[str, Any]] = {
 by 2 cm and loses a beam in a hundred, and the goal is seen from a pose whose distance and rotation drift."""
 
 
-def at_level(sim: SimConfig, level: Level) -> SimConfig:
-    """The simulator of a level.
+Configured = TypeVar("Configured", SimConfig, Config)
+
+
+def at_level(config: Configured, level: Level) -> Configured:
+    """The configuration of a level.
 
     Args:
-        sim: Robot, lidar, task and world.
+        config: Robot, lidar, task and world, maybe among other settings.
         level: "ideal" leaves them as they are; "real" has REAL in their place.
 
     Returns:
         The configuration.
     """
     if level == "ideal":
-        return sim
-    return replace(sim, **{table: replace(getattr(sim, table), **values) for table, values in REAL.items()})
+        return config
+    tables = {table: replace(getattr(config, table), **values) for table, values in REAL.items()}
+    return replace(config, **tables)
 
 
 def settings_of(sim: SimConfig) -> dict[str, Any]:
