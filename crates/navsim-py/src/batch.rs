@@ -141,10 +141,12 @@ impl BatchSim {
 
     #[getter]
     fn ranges<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray<f32, Ix2>>> {
-        let core = &mut this.try_borrow_mut()?.core;
-        let shape = (core.num_envs(), core.config().lidar.beams);
-        let ranges = this.py().detach(|| core.ranges()).map_err(refusal)?;
-        view_of(this, ranges, shape)
+        {
+            let core = &mut this.try_borrow_mut()?.core;
+            this.py().detach(|| core.keep_ranges()).map_err(refusal)?;
+        }
+        let core = &this.try_borrow()?.core;
+        view_of(this, core.ranges(), (core.num_envs(), core.config().lidar.beams))
     }
 
     #[getter]

@@ -14,7 +14,7 @@ mod scenario;
 pub mod shapes;
 mod tree;
 
-pub(crate) use blocks::{BLOCK, Blocks, Lanes};
+pub(crate) use blocks::{BLOCK, Blocks, Lanes, larger, smaller};
 pub use file::{RandomBoxes, WorldFile};
 pub use generator::{Generator, Layout};
 pub use obstacles::Obstacles;
