@@ -1,6 +1,6 @@
 //! `BatchSim` for Python.
 
-use crate::arguments::{copy_array, refusal, whole};
+use crate::arguments::{copy_array, copy_mask, refusal, whole};
 use crate::scenario::Scenario;
 use navsim::batch::{ROBOTS_MAX, THREADS_MAX};
 use navsim::{Results, SimConfig};
@@ -72,7 +72,7 @@ impl BatchSim {
     fn reset(&mut self, py: Python<'_>, mask: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let Self { core, mask: values, .. } = self;
         if let Some(mask) = mask {
-            copy_array("mask", mask, &[core.num_envs()], values)?;
+            copy_mask("mask", mask, &[core.num_envs()], values)?;
         }
         let mask = mask.map(|_| values.as_slice());
         py.detach(|| core.reset(mask)).map_err(refusal)
