@@ -148,7 +148,7 @@ impl InflatedSolid {
         if apart(self.center, other.center) > far + self.extent + other.extent {
             return None;
         }
-        let mut best = ((far - ROUNDING).powi(2), None);
+        let mut best = ((far - ROUNDING) * (far - ROUNDING), None);
         let mut offer = |a: Point, b: Point| {
             let square = dot(minus(b, a), minus(b, a));
             if square < best.0 {

@@ -12,6 +12,7 @@ use super::problem::Problem;
 use super::rrt::rrt;
 use super::rrt_star::rrt_star;
 use super::smooth::{cut, divide, length, pull_tight};
+use crate::cpu::DefaultMode;
 use crate::error::{Error, Result};
 use crate::rng::{Purpose, Split, Stream, StreamName};
 use crate::world::Scenario;
@@ -120,6 +121,7 @@ pub fn plan(
     index: u32,
 ) -> Result<Plan> {
     let began = Instant::now();
+    let _mode = DefaultMode::set();
     config.validate()?;
     if !(radius > 0.0 && radius.is_finite()) {
         let expected = "a number above 0".into();
