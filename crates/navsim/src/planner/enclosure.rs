@@ -6,13 +6,17 @@
 
 use super::inflated::{Inflated, Joint, Point};
 
-/// Most ends that are looked at in one call, one bit each beside the start's.
-const ENDS_MAX: usize = 63;
+/// Ends that are looked at together, one bit each beside the start's.
+const TOGETHER: usize = 63;
 
-/// For each of `ends`: whether the grown shapes cut it off from `start`. All points must be free. Ends after the 63rd
-/// are never said to be cut off.
+/// For each of `ends`: whether the grown shapes cut it off from `start`. All points must be free.
 pub(crate) fn cut_off(world: &Inflated, joints: &[Joint], start: Point, ends: &[Point]) -> Vec<bool> {
-    let points: Vec<Point> = std::iter::once(start).chain(ends.iter().copied().take(ENDS_MAX)).collect();
+    ends.chunks(TOGETHER).flat_map(|ends| few_cut_off(world, joints, start, ends)).collect()
+}
+
+/// `cut_off` of `TOGETHER` ends at most.
+fn few_cut_off(world: &Inflated, joints: &[Joint], start: Point, ends: &[Point]) -> Vec<bool> {
+    let points: Vec<Point> = std::iter::once(start).chain(ends.iter().copied()).collect();
     let mut forest = Forest { parents: (0..world.solids().len()).collect(), turns: vec![0; world.solids().len()] };
     let mut apart = 0u64;
     for joint in joints {
@@ -23,7 +27,7 @@ pub(crate) fn cut_off(world: &Inflated, joints: &[Joint], start: Point, ends: &[
             apart |= if around & 1 == 1 { !around } else { around };
         }
     }
-    (1..=ends.len()).map(|bit| bit <= ENDS_MAX && apart >> bit & 1 == 1).collect()
+    (1..=ends.len()).map(|bit| apart >> bit & 1 == 1).collect()
 }
 
 /// Bit i: whether the line `a`-`b` crosses the ray that goes up from point i. Over a closed chain of lines the sum

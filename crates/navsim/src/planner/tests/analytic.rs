@@ -1,5 +1,6 @@
 //! Lengths known by hand, turned, moved and scaled at random.
 
+use super::super::enclosure::cut_off;
 use super::super::goal_disc::GoalDisc;
 use super::super::guide::Guide;
 use super::super::inflated::{Inflated, InflatedSolid};
@@ -209,6 +210,16 @@ fn closed_rings_enclose() {
     let walled = [room(2.0), vec![Shape::Circle { center: [0.0, 0.0], radius: 0.4 }]].concat();
     assert_eq!(shortest_path(&walled, 0.2, [-1.5, 0.0], [4.0, 0.0], 0.3), None);
     assert!(shortest_path(&walled, 0.2, [-1.5, 0.0], [1.5, 0.0], 0.3).is_some());
+}
+
+#[test]
+fn however_many_ends_there_are_each_is_told_to_be_cut_off_or_not() {
+    let world = Inflated::new(room(2.0).iter().map(|wall| InflatedSolid::new(wall, 0.2)).collect(), [-9.0, -9.0, 9.0, 9.0]);
+    let ends: Vec<Point> = (0..200).map(|i| polar([1.0, 4.0][i % 2], TAU * i as f64 / 200.0)).collect();
+    for (start, apart) in [([0.1, 0.2], 1), ([5.0, 0.3], 0)] {
+        let cut = cut_off(&world, &world.joints(), start, &ends);
+        assert_eq!(cut, (0..200).map(|i| i % 2 == apart).collect::<Vec<_>>());
+    }
 }
 
 #[test]
