@@ -62,7 +62,7 @@ class PlannerConfig:
     ant_resolution: _Cell = 0.2
     """Side of a cell (m) of "antcolony": on small cells its ants lose their way."""
     step: Annotated[float, Field(ge=1e-3, le=1000)] = 0.5
-    """Longest edge (m) of the trees of "rrt" and "rrtstar"."""
+    """How far (m) a tree grows towards a sample at most; "rrtstar" then joins its points at any distance."""
     samples: Annotated[int, Field(ge=1, le=10_000_000)] = 5000
     """Samples of "rrtstar"; of "rrt" at most."""
     goal_bias: Annotated[float, Field(ge=0, lt=1)] = 0.05

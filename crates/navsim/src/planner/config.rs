@@ -14,7 +14,7 @@ pub struct PlannerConfig {
     pub resolution: f64,
     /// Side of a cell of `antcolony`, m, in [0.001, 100].
     pub ant_resolution: f64,
-    /// Longest edge of `rrt` and `rrtstar`, m, in [0.001, 1000].
+    /// How far a tree grows towards a sample at most, m, in [0.001, 1000]. `rrtstar` then joins points at any distance.
     pub step: f64,
     /// Samples of `rrt` (at most) and `rrtstar`, 1 to 10 million.
     pub samples: u64,
