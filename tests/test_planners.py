@@ -3,6 +3,7 @@
 import json
 import math
 import re
+import sys
 import threading
 from collections import Counter
 from collections.abc import Sequence
@@ -228,14 +229,25 @@ def test_more_samples_never_make_a_path_longer() -> None:
 
 
 def test_other_threads_run_during_a_plan() -> None:
-    settings = PlannerConfig(samples=10_000_000, time_limit=0.4)
-    thread = threading.Thread(target=plan, args=(scenario(), "rrtstar"), kwargs={"config": settings})
-    thread.start()
-    turns = 0
-    while thread.is_alive():
-        turns += 1
-        thread.join(0.001)
-    assert turns > 50
+    ran: list[int] = []
+    gate = threading.Lock()
+    gate.acquire()
+    thread = threading.Thread(target=lambda: gate.acquire() and ran.append(1), daemon=True)
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(600)  # this thread keeps the interpreter lock until it hands it over by itself
+    try:
+        thread.start()
+        gate.release()
+        assert sum(range(10**6))
+        assert not ran
+        plans = 0
+        while not ran and plans < 1000:
+            plan(scenario(), "rrtstar")
+            plans += 1
+        assert ran
+    finally:
+        sys.setswitchinterval(interval)
+    thread.join()
 
 
 def test_a_plan_cannot_be_changed() -> None:

@@ -187,7 +187,7 @@ fn time_ends_a_search() {
     for planner in [Planner::Rrt, Planner::RrtStar] {
         let plan = plan(&scenario(&world), planner, world.radius, &settings, 0, 0).unwrap();
         assert_eq!(plan.status, Status::BudgetSpent);
-        assert!(plan.expansions > 10 && plan.time >= 0.05 && plan.time < 2.0, "{} s", plan.time);
+        assert!(plan.expansions < settings.samples && plan.time >= settings.time_limit, "{plan:?}");
     }
 }
 
