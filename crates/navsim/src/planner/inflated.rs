@@ -6,6 +6,7 @@
 
 use super::fast_marching::Grid;
 use crate::world::Shape;
+use crate::world::shapes::rectangle_around;
 
 pub(crate) type Point = [f64; 2];
 
@@ -115,9 +116,7 @@ impl InflatedSolid {
 
     /// Smallest axis-parallel rectangle around the grown shape, m.
     pub fn bounds(&self) -> [f64; 4] {
-        let start = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
-        let [x0, y0, x1, y1] =
-            self.core.iter().fold(start, |[x0, y0, x1, y1], [x, y]| [x0.min(*x), y0.min(*y), x1.max(*x), y1.max(*y)]);
+        let [x0, y0, x1, y1] = rectangle_around(self.core.iter().map(|[x, y]| [*x, *y, *x, *y]));
         [x0 - self.reach, y0 - self.reach, x1 + self.reach, y1 + self.reach]
     }
 
@@ -192,6 +191,13 @@ impl InflatedSolid {
         let near = self.reach - ROUNDING;
         self.core.len() == 1 || self.edges().any(|(c, d)| squared_between(a, b, c, d) < near * near)
     }
+}
+
+/// Smallest axis-parallel rectangle ([x0, y0, x1, y1], m) around grown shapes, a start and the goal disc.
+pub(crate) fn bounds(solids: &[InflatedSolid], start: Point, goal: Point, goal_radius: f64) -> [f64; 4] {
+    let square = |[x, y]: Point, half: f64| [x - half, y - half, x + half, y + half];
+    let ends = [square(start, 0.0), square(goal, goal_radius)];
+    rectangle_around(solids.iter().map(InflatedSolid::bounds).chain(ends))
 }
 
 /// The grown obstacles of a world, found by place.

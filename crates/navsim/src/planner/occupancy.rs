@@ -1,15 +1,14 @@
 //! The free places of a known world on a grid.
 //!
 //! The grid is conservative, as that of `world::free_space`: a node is free if its clearance is at least
-//! sqrt(R^2 + h^2/2), h the side of a cell. Then a disc of radius R rolls between any two neighbours, diagonal ones
-//! too, and anywhere within a cell of four free nodes: with weights w_i that sum to 1 and an obstacle point k,
-//! |sum w_i c_i - k|^2 = sum w_i |c_i - k|^2 - sum w_i |c_i - sum w_j c_j|^2 >= R^2 + h^2/2 - h^2/2. So no edge needs a
-//! test of its own and no corner is cut. What is lost are passages little wider than 2 R.
+//! `rolling_clearance`. So no edge between neighbours needs a test of its own and no corner is cut. What is lost are
+//! passages little wider than the robot.
 
 use super::fast_marching::{BORDER, Grid};
 use super::inflated::{InflatedSolid, Point, apart};
 use super::problem::Problem;
 use crate::error::{Error, Result};
+use crate::world::rolling_clearance;
 
 /// Cells around a point within which it is joined to nodes by straight lines.
 const ANCHOR_CELLS: f64 = 3.0;
@@ -63,7 +62,7 @@ impl Map {
             map.blocked[row * grid.columns..][inner.clone()].fill(false);
         }
         let clearance = problem.clearance;
-        let lift = (clearance * clearance + 0.5 * cell * cell).sqrt() - clearance;
+        let lift = rolling_clearance(clearance, cell) - clearance;
         let solids = problem.world.solids();
         let mut near: Vec<u32> = (0..solids.len() as u32).collect();
         let side = grid.columns.max(grid.rows).next_power_of_two();

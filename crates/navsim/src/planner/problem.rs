@@ -1,7 +1,7 @@
 //! What a planner is asked: from a start into a goal circle, at a clearance from every shape, and whether that can be.
 
 use super::goal_disc::GoalDisc;
-use super::inflated::{Inflated, InflatedSolid, Point, apart};
+use super::inflated::{Inflated, InflatedSolid, Point, apart, bounds};
 use super::plan::Status;
 use crate::error::{Error, Result};
 use crate::world::Scenario;
@@ -45,11 +45,7 @@ impl Problem {
         let grow = |shape| InflatedSolid::new(shape, clearance + GUARD);
         let solids: Vec<InflatedSolid> = scenario.shapes.iter().map(grow).collect();
         let (start, goal, reach) = ([scenario.start.x, scenario.start.y], scenario.goal, scenario.goal_radius);
-        let mut bounds = [goal[0] - reach, goal[1] - reach, goal[0] + reach, goal[1] + reach];
-        let point = [start[0], start[1], start[0], start[1]];
-        for [x0, y0, x1, y1] in solids.iter().map(InflatedSolid::bounds).chain([point]) {
-            bounds = [bounds[0].min(x0), bounds[1].min(y0), bounds[2].max(x1), bounds[3].max(y1)];
-        }
+        let bounds = bounds(&solids, start, goal, reach);
         let grown = |room: f64| [bounds[0] - room, bounds[1] - room, bounds[2] + room, bounds[3] + room];
         let room = clearance + room;
         // The grids over the bounds reach a little beyond them.

@@ -8,7 +8,7 @@
 
 use super::goal_disc::GoalDisc;
 use super::guide::{Guide, TRUST};
-use super::inflated::{Inflated, InflatedSolid, Point, along, apart};
+use super::inflated::{Inflated, InflatedSolid, Point, along, apart, bounds};
 use super::taut_string::Search;
 use crate::world::Shape;
 
@@ -62,11 +62,7 @@ pub(super) fn around(
     goal_radius: f64,
     trust: f64,
 ) -> Option<f64> {
-    let mut bounds = [goal[0] - goal_radius, goal[1] - goal_radius, goal[0] + goal_radius, goal[1] + goal_radius];
-    let points = [start[0], start[1], start[0], start[1]];
-    for [x0, y0, x1, y1] in solids.iter().map(InflatedSolid::bounds).chain([points]) {
-        bounds = [bounds[0].min(x0), bounds[1].min(y0), bounds[2].max(x1), bounds[3].max(y1)];
-    }
+    let bounds = bounds(&solids, start, goal, goal_radius);
     let world = Inflated::new(solids, bounds);
     let joints = world.joints();
     let goal = GoalDisc::new(&world, &joints, start, goal, goal_radius)?;

@@ -214,7 +214,8 @@ fn closed_rings_enclose() {
 
 #[test]
 fn however_many_ends_there_are_each_is_told_to_be_cut_off_or_not() {
-    let world = Inflated::new(room(2.0).iter().map(|wall| InflatedSolid::new(wall, 0.2)).collect(), [-9.0, -9.0, 9.0, 9.0]);
+    let world =
+        Inflated::new(room(2.0).iter().map(|wall| InflatedSolid::new(wall, 0.2)).collect(), [-9.0, -9.0, 9.0, 9.0]);
     let ends: Vec<Point> = (0..200).map(|i| polar([1.0, 4.0][i % 2], TAU * i as f64 / 200.0)).collect();
     for (start, apart) in [([0.1, 0.2], 1), ([5.0, 0.3], 0)] {
         let cut = cut_off(&world, &world.joints(), start, &ends);
