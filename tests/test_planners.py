@@ -310,14 +310,14 @@ def test_the_page_says_what_is_so() -> None:
     ("arguments", "line"),
     [
         ({"planner": "a*"}, "planner = 'a*': expected one of astar, dijkstra, rrt, rrtstar, antcolony, fmm"),
-        ({"radius": 0.0}, "radius = 0: expected a number above 0"),
-        ({"radius": math.nan}, "radius = NaN: expected a number above 0"),
-        ({"radius": 2000.0}, "radius = 2000.1: expected radius and margin together in (0, 1000]"),
+        ({"radius": 0.0}, "radius = 0: expected in (0, 1000] m"),
+        ({"radius": math.nan}, "radius = NaN: expected in (0, 1000] m"),
+        ({"radius": 2000.0}, "radius = 2000: expected in (0, 1000] m"),
         ({"seed": -1}, "seed = -1: expected 0 to "),
         ({"index": 2**32}, "index = 4294967296: expected 0 to "),
         (
             {"config": PlannerConfig(resolution=1e-3)},
-            "resolution = 0.001: expected at least 0.003 m: a map of this world",
+            "planner.resolution = 0.001: expected at least 0.003 m: a map of this world",
         ),
     ],
 )
@@ -329,7 +329,7 @@ def test_arguments_that_cannot_be(arguments: dict[str, Any], line: str) -> None:
 
 def test_a_huge_world_is_refused_or_planned_but_never_too_large() -> None:
     huge = scenario(start=(-900, -900, 0), goal=(900, 900), segments=room(1000), boxes=[(0, 0, 0.3, 500, 500)])
-    with pytest.raises(ValueError, match=r"resolution = 0.05: expected at least 0\.\d+ m: a map of this world, 2001"):
+    with pytest.raises(ValueError, match=r"planner.resolution = 0.05: expected at least 0\.\d+ m: a map of this world, 2001"):
         plan(huge)
     coarse = PlannerConfig(resolution=5.0, ant_resolution=20.0, step=50.0, spacing=0.0)
     for planner in PLANNERS:

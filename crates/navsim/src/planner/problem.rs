@@ -3,7 +3,7 @@
 use super::goal_disc::GoalDisc;
 use super::inflated::{Inflated, InflatedSolid, Point, apart, bounds};
 use super::plan::Status;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::world::Scenario;
 
 /// Clearance (m) on top of what is asked: more than the rounding that the exact tests forgive, so that a path keeps
@@ -11,8 +11,6 @@ use crate::world::Scenario;
 const GUARD: f64 = 2e-9;
 /// Share of the goal's radius by which a path ends within the circle: who reaches its end has reached the goal.
 const DEPTH: f64 = 1e-3;
-/// Largest clearance, m: that of the largest coordinate.
-const CLEARANCE_MAX: f64 = 1000.0;
 
 /// A known world for one way.
 #[derive(Debug)]
@@ -30,18 +28,14 @@ pub(crate) struct Problem {
 }
 
 impl Problem {
-    /// The way of `scenario` at a `clearance` (m, in (0, 1000]) of the robot's centre from every shape: its radius, for
+    /// The way of `scenario` at a `clearance` (m, > 0) of the robot's centre from every shape: its radius, for
     /// a rectangle that of the circle around it, and what it shall keep beyond. `room` (m, >= 0) is left free around
     /// all shapes beside what the robot needs to drive around them.
     ///
     /// # Errors
-    /// What `Scenario::validate` refuses, or a clearance out of range.
+    /// What `Scenario::validate` refuses.
     pub fn new(scenario: &Scenario, clearance: f64, room: f64) -> Result<Self> {
         scenario.validate()?;
-        if !(clearance > 0.0 && clearance <= CLEARANCE_MAX) {
-            let expected = format!("radius and margin together in (0, {CLEARANCE_MAX}]");
-            return Err(Error::Setting { key: "radius", value: clearance.to_string(), expected });
-        }
         let grow = |shape| InflatedSolid::new(shape, clearance + GUARD);
         let solids: Vec<InflatedSolid> = scenario.shapes.iter().map(grow).collect();
         let (start, goal, reach) = ([scenario.start.x, scenario.start.y], scenario.goal, scenario.goal_radius);
