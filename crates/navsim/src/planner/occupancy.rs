@@ -4,10 +4,9 @@
 //! `rolling_clearance`. So no edge between neighbours needs a test of its own and no corner is cut. What is lost are
 //! passages little wider than the robot.
 
-use super::fast_marching::{BORDER, Grid};
-use super::inflated::{InflatedSolid, Point, apart};
 use super::problem::Problem;
 use crate::error::{Error, Result};
+use crate::grown::{BORDER, Grid, GrownShape, Point, apart};
 use crate::world::rolling_clearance;
 
 /// Cells around a point within which it is joined to nodes by straight lines.
@@ -63,10 +62,10 @@ impl Map {
         }
         let clearance = problem.clearance;
         let lift = rolling_clearance(clearance, cell) - clearance;
-        let solids = problem.world.solids();
-        let mut near: Vec<u32> = (0..solids.len() as u32).collect();
+        let shapes = problem.world.shapes();
+        let mut near: Vec<u32> = (0..shapes.len() as u32).collect();
         let side = grid.columns.max(grid.rows).next_power_of_two();
-        map.carve(solids, lift, Block { column: 0, row: 0, side }, &mut near, 0);
+        map.carve(shapes, lift, Block { column: 0, row: 0, side }, &mut near, 0);
         Ok(map)
     }
 
@@ -74,7 +73,7 @@ impl Map {
     ///
     /// Clearances change by no more than the distance between two points: one at the middle of the block tells which
     /// shapes matter in it, and mostly that none does or one covers it.
-    fn carve(&mut self, solids: &[InflatedSolid], lift: f64, block: Block, near: &mut Vec<u32>, first: usize) {
+    fn carve(&mut self, shapes: &[GrownShape], lift: f64, block: Block, near: &mut Vec<u32>, first: usize) {
         let Block { column, row, side } = block;
         let grid = self.grid;
         if column >= grid.columns || row >= grid.rows {
@@ -87,7 +86,7 @@ impl Map {
         let reach = half * grid.cell * (std::f64::consts::SQRT_2 + 1e-9);
         let (kept, mut covered) = (near.len(), false);
         for i in first..kept {
-            let clearance = solids[near[i] as usize].clearance(middle) - lift;
+            let clearance = shapes[near[i] as usize].clearance(middle) - lift;
             covered |= clearance < -reach;
             if clearance < reach {
                 near.push(near[i]);
@@ -101,7 +100,7 @@ impl Map {
         } else if near.len() > kept {
             let side = side / 2;
             for (right, up) in [(0, 0), (side, 0), (0, side), (side, side)] {
-                self.carve(solids, lift, Block { column: column + right, row: row + up, side }, near, kept);
+                self.carve(shapes, lift, Block { column: column + right, row: row + up, side }, near, kept);
             }
         }
         near.truncate(kept);

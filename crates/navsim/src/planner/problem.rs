@@ -1,9 +1,8 @@
 //! What a planner is asked: from a start into a goal circle, at a clearance from every shape, and whether that can be.
 
-use super::goal_disc::GoalDisc;
-use super::inflated::{Inflated, InflatedSolid, Point, apart, bounds};
 use super::plan::Status;
 use crate::error::Result;
+use crate::grown::{GoalDisc, GrownShape, GrownWorld, Point, along, apart, bounds};
 use crate::world::Scenario;
 
 /// Clearance (m) on top of what is asked: more than the rounding that the exact tests forgive, so that a path keeps
@@ -16,7 +15,7 @@ const DEPTH: f64 = 1e-3;
 #[derive(Debug)]
 pub(crate) struct Problem {
     /// The obstacles grown by the clearance.
-    pub world: Inflated,
+    pub world: GrownWorld,
     /// Every place that a path may need: [x0, y0, x1, y1], m.
     pub bounds: [f64; 4],
     pub start: Point,
@@ -36,14 +35,14 @@ impl Problem {
     /// What `Scenario::validate` refuses.
     pub fn new(scenario: &Scenario, clearance: f64, room: f64) -> Result<Self> {
         scenario.validate()?;
-        let grow = |shape| InflatedSolid::new(shape, clearance + GUARD);
-        let solids: Vec<InflatedSolid> = scenario.shapes.iter().map(grow).collect();
+        let grow = |shape| GrownShape::new(shape, clearance + GUARD);
+        let shapes: Vec<GrownShape> = scenario.shapes.iter().map(grow).collect();
         let (start, goal, reach) = ([scenario.start.x, scenario.start.y], scenario.goal, scenario.goal_radius);
-        let bounds = bounds(&solids, start, goal, reach);
+        let bounds = bounds(&shapes, start, goal, reach);
         let grown = |room: f64| [bounds[0] - room, bounds[1] - room, bounds[2] + room, bounds[3] + room];
         let room = clearance + room;
         // The grids over the bounds reach a little beyond them.
-        let world = Inflated::new(solids, grown(2.0 * room));
+        let world = GrownWorld::new(shapes, grown(2.0 * room));
         Ok(Self { world, bounds: grown(room), start, goal, goal_radius: (1.0 - DEPTH) * reach, clearance })
     }
 
@@ -73,7 +72,7 @@ impl Problem {
         if rest <= 0.0 {
             return Some(point);
         }
-        let end = super::inflated::along(point, self.goal, rest);
+        let end = along(point, self.goal, rest);
         self.is_clear(point, end).then_some(end)
     }
 

@@ -3,9 +3,10 @@
 use super::super::smooth::{divide, length};
 use super::super::{Plan, Planner, PlannerConfig, Status, plan};
 use super::maps::scenario;
-use super::random::{Plain, World};
-use super::{Point, room};
 use crate::error::Error;
+use crate::grown::Point;
+use crate::grown::tests::room;
+use crate::shortest::tests::random::{Plain, World};
 use crate::world::Shape;
 
 pub(super) fn config() -> PlannerConfig {
