@@ -181,6 +181,7 @@ class Lookahead(_navsim.Lookahead):
 
         guide = Lookahead(plans, goals, distance=1.0)
         targets = guide.update(positions)       # (N, 2) float64, m
+        goal = guide.goal(sim.poses)            # (N, 2) float64, m and rad in the robots' frames
         guide.progress                          # (N,) float64, m along the paths
 
     Args:
@@ -195,3 +196,20 @@ class Lookahead(_navsim.Lookahead):
     def __new__(cls, plans: Sequence[Plan], goals: NDArray[np.float64], *, distance: float) -> Self:
         """Puts every robot at the beginning of its path."""
         return super().__new__(cls, [plan.path for plan in plans], np.asarray(goals, np.float64), distance)
+
+    def goal(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """``update``, as robots see it: what a controller takes for its goal, and a policy has in its observation.
+
+        Args:
+            poses: (N, 3) float64: x (m), y (m), yaw (rad).
+
+        Returns:
+            (N, 2) distance (m) and angle (rad, in (-pi, pi]) of the intermediate goals in the robots' frames.
+
+        Raises:
+            TypeError: Not a float64 array.
+            ValueError: Another shape, NaN or infinity.
+        """
+        offset = self.update(poses[:, :2]) - poses[:, :2]
+        angle = np.arctan2(offset[:, 1], offset[:, 0]) - poses[:, 2]
+        return np.stack([np.hypot(offset[:, 0], offset[:, 1]), np.arctan2(np.sin(angle), np.cos(angle))], axis=1)
