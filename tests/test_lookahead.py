@@ -105,3 +105,13 @@ def test_goals_as_robots_see_them() -> None:
     expected = [(1.0, 0.0), (1.0, -math.pi / 2), (math.sqrt(2), 0.0), (math.sqrt(2), 0.75 * math.pi)]
     np.testing.assert_allclose(guide.goal(poses), expected, atol=1e-12)
     assert guide.progress.tolist() == [1.0] * 4
+    for broken in (
+        poses[:, :2],
+        poses[0],
+        np.full((4, 3), math.nan),
+        poses + np.array([2.0, 0.0, math.inf]),
+        poses[:3] + 2.0,
+    ):
+        with pytest.raises(ValueError, match=r"(poses|positions): expected"):
+            guide.goal(broken)
+    assert guide.progress.tolist() == [1.0] * 4

@@ -152,12 +152,14 @@ class Lookahead(_navsim.Lookahead):
             poses: (N, 3) float64: x (m), y (m), yaw (rad).
 
         Returns:
-            (N, 2) distance (m) and angle (rad, in (-pi, pi]) of the intermediate goals in the robots' frames.
+            (N, 2) float64: distance (m) and angle (rad, in (-pi, pi]) of the intermediate goals in the robots' frames.
 
         Raises:
             TypeError: Not a float64 array.
-            ValueError: Another shape, NaN or infinity.
+            ValueError: Another shape, NaN or infinity; nothing has changed then.
         """
+        if poses.ndim != 2 or poses.shape[1] != 3 or not np.isfinite(poses).all():
+            raise ValueError(f"poses: expected finite numbers of shape (N, 3), got shape {poses.shape}")
         offset = self.update(poses[:, :2]) - poses[:, :2]
         angle = np.arctan2(offset[:, 1], offset[:, 0]) - poses[:, 2]
         return np.stack([np.hypot(offset[:, 0], offset[:, 1]), np.arctan2(np.sin(angle), np.cos(angle))], axis=1)
