@@ -239,6 +239,12 @@ def test_every_page_is_in_the_navigation() -> None:
     assert sorted(re.findall(r"([\w-]+\.md)$", text, re.MULTILINE)) == PAGES
 
 
+def test_every_page_is_linked_from_the_first_pages() -> None:
+    linked = set(re.findall(r"\]\(docs/([\w-]+\.md)", (DOCS.parent / "README.md").read_text(encoding="utf-8")))
+    linked |= set(re.findall(r"\]\(([\w-]+\.md)", page("index.md")))
+    assert sorted(linked | {"index.md"}) == PAGES
+
+
 def test_links_lead_somewhere() -> None:
     for name in PAGES:
         for target in re.findall(r"\]\(([^)#]+)", page(name)):

@@ -168,7 +168,8 @@ pub fn max_steps(task: &TaskConfig) -> u32 {
     libm::round(task.time_limit / task.period) as u32
 }
 
-fn check(key: &'static str, value: f64, allowed: bool, expected: &str) -> Result<()> {
+/// Refuses the setting `key` unless its value is finite and allowed.
+pub(crate) fn check(key: &'static str, value: f64, allowed: bool, expected: &str) -> Result<()> {
     if value.is_finite() && allowed {
         return Ok(());
     }
