@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -184,6 +185,25 @@ def test_masks_are_checked() -> None:
         sim.reset(np.zeros(2, np.bool_))
     sim.reset(np.array([True, False, True]))
     np.testing.assert_array_equal(sim.episodes, [1, 0, 1])
+
+
+def test_every_byte_of_a_mask_but_0_is_true() -> None:
+    sim = BatchSim(num_envs=6, autoreset=False)
+    sim.reset(np.array([0, 1, 2, 127, 128, 255], np.uint8).view(bool))
+    assert sim.episodes.tolist() == [0, 1, 1, 1, 1, 1]
+    sim.reset(np.array([2, 0, 2, 0, 2, 0, 2, 0, 2, 0, 2, 0], np.uint8).view(bool)[::2])
+    assert sim.episodes.tolist() == [1, 2, 2, 2, 2, 2]
+
+
+@pytest.mark.parametrize("number", ["1e308", "-1e13", "1e400"])
+def test_a_state_with_impossible_numbers_is_refused(number: str) -> None:
+    sim = BatchSim(num_envs=2)
+    state = sim.state()
+    edited = re.sub(rb'"pose":\{"x":[^,]*', f'"pose":{{"x":{number}'.encode(), state, count=1)
+    assert edited != state
+    with pytest.raises(ValueError, match=r"simulator state: .*(pose|number out of range)"):
+        sim.restore(edited)
+    assert sim.state() == state
 
 
 def test_robots_do_not_depend_on_batch_or_threads() -> None:

@@ -214,6 +214,17 @@ def test_a_finished_run_says_so_and_steps_extend_it(run: Path, tmp_path: Path) -
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["env_steps"] == 2400
 
 
+def test_a_damaged_summary_is_written_again(run: Path, tmp_path: Path) -> None:
+    import shutil
+
+    copy = tmp_path / "copy"
+    shutil.copytree(run, copy)
+    for damage in ("{}", "[]", "5", "[" * 100_000):
+        (copy / "summary.json").write_text(damage)
+        navrl("train", "--resume", copy)
+        assert json.loads((copy / "summary.json").read_text())["updates"] > 0
+
+
 def test_a_run_folder_is_not_overwritten(run: Path) -> None:
     done = navrl("train", *SMALL, "--out", run, code=2)
     assert done.stderr == f"navrl: --out {run}: is not empty; to continue the run there: navrl train --resume {run}\n"
@@ -326,6 +337,22 @@ def test_results_do_not_replace_devices_and_follow_links(arguments: tuple[str, .
     navrl(*arguments[:-1], link, *few)
     assert link.is_symlink()
     assert len(target.read_bytes()) > 100
+    circle = tmp_path / f"circle{suffix}"
+    circle.symlink_to(circle)
+    refused = navrl(*arguments[:-1], circle, *few, code=2)
+    assert re.search(r"is a link that leads back to itself|Too many levels of symbolic links", refused.stderr)
+    assert refused.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("arguments", ["bench --num-envs 2 --json", "eval default --episodes 2 --json"])
+def test_a_result_that_cannot_be_written_leaves_the_old_one(arguments: str, tmp_path: Path) -> None:
+    file = tmp_path / "a.json"
+    file.write_text("old")
+    command = ["bash", "-c", 'ulimit -f 0; exec "$@"', "bash", str(NAVRL), *arguments.split(), str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, timeout=300, check=False)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1] == f"navrl: {file}: File too large"
+    assert file.read_text() == "old"
 
 
 @pytest.mark.parametrize("arguments", ["eval", "train --resume", "train --init", "train --out", "play --out"])

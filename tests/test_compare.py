@@ -13,7 +13,7 @@ from navrl.batch import Scenario
 from navrl.cli import main
 from navrl.compare import compare
 from navrl.comparing import plots, timing
-from navrl.config import ControllersConfig, LidarConfig, RobotConfig, SimConfig
+from navrl.config import ControllersConfig, LidarConfig, PlannerConfig, RobotConfig, SimConfig
 from navrl.controllers import Controller
 from navrl.errors import UserError
 from navrl.evaluate import evaluate
@@ -145,6 +145,7 @@ def test_other_settings_are_refused(drawn: ScenarioList, tmp_path: Path) -> None
             {"controllers": replace(ControllersConfig(), gap=replace(ControllersConfig().gap, margin=0.2))},
             r"gap\.margin: 0\.01044, not 0\.2",
         ),
+        ({"planner": PlannerConfig(margin=0.3)}, r"planner\.margin: 0\.1, not 0\.3"),
     ]
     for changes, message in others:
         arguments = {"names": ["gap"], "scenarios": drawn.first(3), "sim": SIM, "folder": out} | changes

@@ -14,7 +14,7 @@ from navrl.batch import BatchSim, Scenario
 from navrl.comparing import timing
 from navrl.comparing.contenders import LOOKAHEAD, along, enter
 from navrl.comparing.levels import at_level
-from navrl.config import ControllersConfig, SimConfig
+from navrl.config import ControllersConfig, PlannerConfig, SimConfig
 from navrl.controllers import Controller
 from navrl.errors import UserError
 from navrl.evaluate import driver, evaluate
@@ -91,7 +91,7 @@ class Blindfolded:
 @pytest.mark.parametrize("name", ["default", "dwa", "dwa-1997", "apf", "gap", "mppi", "straight", "random"])
 def test_no_contender_without_a_planner_reads_the_map(name: str, drawn: ScenarioList) -> None:
     entry, sim = enter(name), at_level(SIM, "real")
-    assert entry.plans(drawn.scenarios, sim, num_threads=1) == []
+    assert entry.plans(drawn.scenarios, sim, PlannerConfig(), num_threads=1) == []
     simulator = BatchSim(sim, num_envs=12, autoreset=False, scenarios=drawn.scenarios)
     # Its driver is made where there is no scenario at all, and drives with scan, goal and speed alone.
     drive = entry.driver([], [], sim, ControllersConfig())
@@ -100,7 +100,7 @@ def test_no_contender_without_a_planner_reads_the_map(name: str, drawn: Scenario
 
 def test_a_led_contender_gets_its_place_and_the_local_one_nothing_more(drawn: ScenarioList) -> None:
     entry, seen = enter("gap+astar"), []
-    plans = entry.plans(drawn.scenarios, SIM, num_threads=1)
+    plans = entry.plans(drawn.scenarios, SIM, PlannerConfig(), num_threads=1)
     simulator = BatchSim(SIM, num_envs=12, autoreset=False, scenarios=drawn.scenarios)
     drive = entry.driver(drawn.scenarios, plans, SIM, ControllersConfig())
     with pytest.raises(AttributeError, match="odometry"):
@@ -131,7 +131,7 @@ def test_a_path_leads_around_what_a_straight_driver_meets() -> None:
     assert evaluate(Controller("straight"), given).episodes[0].outcome == "collision"
     for planner in ("astar", "rrt"):
         entry = enter(f"pursuit+{planner}")
-        plans = entry.plans(given.scenarios, SIM, num_threads=1)
+        plans = entry.plans(given.scenarios, SIM, PlannerConfig(), num_threads=1)
         drive = entry.driver(given.scenarios, plans, SIM, ControllersConfig())
         episode = navrl.compare.measure(drive, given, SIM, num_threads=1).episodes[0]
         assert (episode.outcome, episode.needs_detour) == ("goal", True)
@@ -186,6 +186,6 @@ def test_decisions_are_timed_after_the_warm_up(monkeypatch: pytest.MonkeyPatch) 
     ticks = iter([time for k in range(1, 100) for time in (1000.0 * k, 1000.0 * k + k)])
     monkeypatch.setattr(timing, "perf_counter", lambda: next(ticks))
     short = scenario(time_limit=0.7)
-    times = timing.decision_times(enter("straight"), [short, short], SIM, ControllersConfig())
+    times = timing.decision_times(enter("straight"), [short, short], SIM, ControllersConfig(), PlannerConfig())
     # Five calls are dropped; seven fit into a scenario, so that several are driven.
     assert times.tolist() == list(range(6, 26))

@@ -24,8 +24,9 @@ from navrl.config import (
     TaskConfig,
     WorldConfig,
 )
-from navrl.controllers import NAMES, Controller, Name, lookahead_point
+from navrl.controllers import NAMES, Controller, Name
 from navrl.evaluate import driver
+from navrl.planners import Lookahead, Plan
 from navrl.policy import PolicyError
 from navrl.scenarios import load_list
 
@@ -247,12 +248,10 @@ def test_pursuit_follows_a_path(path: Array) -> None:
     settings = PursuitConfig()
     controller, pose, velocity = Controller("pursuit", QUIET), np.zeros(3), np.zeros(2)
     furthest, nothing = 0.0, np.full((1, BEAMS), FAR)
+    guide = Lookahead([Plan("found", path, 0.0, 0.0, 0, 0.0)], path[-1:], distance=settings.lookahead)
     dense = np.concatenate([np.linspace(a, b, 200) for a, b in itertools.pairwise(path)])
     for _ in range(400):
-        cos, sin = math.cos(pose[2]), math.sin(pose[2])
-        path_in_robot = (path - pose[:2]) @ np.array([[cos, -sin], [sin, cos]])
-        goal = lookahead_point(path_in_robot, settings.lookahead)
-        velocity = controller.command(nothing, [goal], [velocity])[0]
+        velocity = controller.command(nothing, guide.goal(pose[None]), [velocity])[0]
         half = velocity[1] * 0.05
         chord = velocity[0] * 0.1 * np.sinc(half / math.pi)
         pose += [chord * math.cos(pose[2] + half), chord * math.sin(pose[2] + half), 2 * half]
@@ -262,12 +261,6 @@ def test_pursuit_follows_a_path(path: Array) -> None:
     assert math.dist(pose[:2], path[-1]) < 0.1
     # A corner is cut by less than half of the look-ahead distance.
     assert furthest < settings.lookahead / 2
-
-
-def test_lookahead_point_refuses() -> None:
-    for path, lookahead in (([], 1.0), ([[0.0, math.nan]], 1.0), ([[0.0, 0.0]], 0.0)):
-        with pytest.raises(ValueError, match="path: expected"):
-            lookahead_point(path, lookahead)
 
 
 # All of them

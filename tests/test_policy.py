@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from navrl.config import Config, LidarConfig, NetworksConfig, RobotConfig, WorldConfig
 from navrl.policy import BLOCK, CACHED_ROWS, Policy, PolicyDescription, PolicyError, load_policy, save_policy
+from navrl.policy_description import digest
 
 INF, NAN = math.inf, math.nan
 
@@ -418,6 +419,16 @@ def flip_bit(file: Path, position: int) -> None:
     content = bytearray(file.read_bytes())
     content[position] ^= 1
     file.write_bytes(bytes(content))
+
+
+@pytest.mark.parametrize("footprint", [None, 5, "x", []])
+def test_a_footprint_of_another_type_is_named(tmp_path: Path, footprint: object) -> None:
+    save_policy(tmp_path, random_policy().weights, described())
+    file = tmp_path / "policy.json"
+    record = json.loads(file.read_text()) | {"footprint": footprint}
+    file.write_text(json.dumps(record | {"sha256": digest(record)}))
+    with pytest.raises(PolicyError, match=r"policy\.json: "):
+        load_policy(tmp_path)
 
 
 def test_one_flipped_bit_in_the_weights_is_found(tmp_path: Path) -> None:

@@ -17,7 +17,8 @@ fn situations() -> (Vec<f32>, Vec<f64>, Vec<f64>) {
         let actions: Vec<f32> = (0..ROBOTS).flat_map(|k| [0.6, if (t + k) % 20 < 12 { 0.3 } else { -0.5 }]).collect();
         batch.step(&actions).unwrap();
     }
-    let ranges = batch.ranges().unwrap().to_vec();
+    batch.keep_ranges().unwrap();
+    let ranges = batch.ranges().to_vec();
     let results = batch.results();
     let rows = results.observations.chunks(bins + 4);
     let goals = rows.flat_map(|row| [f64::from(row[bins]), f64::from(row[bins + 1])]).collect();

@@ -14,7 +14,6 @@ __all__ = [
     "check_world",
     "draw_list",
     "isa",
-    "lookahead_point",
     "needs_detour",
     "plan",
     "read_list",
@@ -160,9 +159,6 @@ def read_list(text: str, config: str) -> tuple[list[tuple[int, Scenario]], list[
 
 def shortest_path(scenario: Scenario, radius: float) -> float | None:
     """Length (m) of the shortest path of a disc of that radius from the start to the goal circle; None without one."""
-
-def lookahead_point(path: Sequence[Sequence[float]], lookahead: float) -> tuple[float, float]:
-    """Distance (m) and angle (rad) of the point of a path (m, robot's frame) that lies `lookahead` metres ahead."""
 
 def needs_detour(scenario: Scenario, radius: float) -> bool:
     """Whether the segment from start to goal, swept by a disc of that radius, touches an obstacle."""

@@ -109,7 +109,7 @@ def _split_settings(arguments: list[str]) -> tuple[list[str], Settings]:
             settings.append((key, value))
         else:
             following = next(rest, None)
-            if following is None:
+            if following is None or following.startswith("--"):
                 raise UserError(f"--{key}: expects a value")
             settings.append((key, following))
     return typed, settings

@@ -23,12 +23,12 @@ from navrl.comparing.contenders import LOOKAHEAD, Entry, enter
 from navrl.comparing.folder import ComparisonFolder, Record
 from navrl.comparing.levels import REAL, Level, at_level, settings_of
 from navrl.comparing.timing import decision_times
-from navrl.config import ControllersConfig, SimConfig
+from navrl.config import ControllersConfig, PlannerConfig, SimConfig
 from navrl.durable import write_file
 from navrl.errors import UserError
 from navrl.evaluate import EVALUATION_SEED, measure
 from navrl.paired import bootstrap_interval, differences, mcnemar, mean_difference, only_one
-from navrl.planners import Plan, PlannerConfig
+from navrl.planners import Plan
 from navrl.scenarios import ScenarioList
 
 SCHEMA = 1
@@ -108,6 +108,7 @@ def compare(
     *,
     level: Level = "ideal",
     controllers: ControllersConfig | None = None,
+    planner: PlannerConfig | None = None,
     num_threads: int = 1,
     report: Callable[[str], None] = lambda line: None,
 ) -> Comparison:
@@ -120,6 +121,7 @@ def compare(
         folder: Where results are kept: new, empty, or of a comparison with the same settings.
         level: Under which conditions they drive.
         controllers: Settings of the classical controllers; the defaults if None.
+        planner: Settings of the planners; the defaults if None.
         num_threads: Threads that step robots and plan; they do not change results.
         report: Takes one line for each contender.
 
@@ -135,14 +137,14 @@ def compare(
     entries = [enter(name) for name in names]
     for entry in entries:
         entry.check(sim, apart_from=tuple(REAL["robot"]) if level == "real" else ())
-    sim, controllers = at_level(sim, level), ControllersConfig() if controllers is None else controllers
-    kept = ComparisonFolder(folder, _settings(scenarios, sim, level, controllers))
+    sim, controllers, planner = at_level(sim, level), controllers or ControllersConfig(), planner or PlannerConfig()
+    kept = ComparisonFolder(folder, _settings(scenarios, sim, level, controllers, planner))
     records = []
     for entry in entries:
         record = kept.read(entry.name, entry.policy_sha256)
         if record is None:
             begin = perf_counter()
-            record = _run(entry, scenarios, sim, controllers, num_threads)
+            record = _run(entry, scenarios, sim, controllers, planner, num_threads)
             kept.keep(record, entry.policy_sha256)
             report(f"{_line(record)}, in {perf_counter() - begin:.1f} s")
         else:
@@ -171,21 +173,28 @@ def write(comparison: Comparison, folder: Path, command: str) -> None:
     write_file(folder / "episodes.jsonl", "".join(lines).encode())
 
 
-def _settings(scenarios: ScenarioList, sim: SimConfig, level: Level, controllers: ControllersConfig) -> dict[str, Any]:
+def _settings(
+    scenarios: ScenarioList, sim: SimConfig, level: Level, controllers: ControllersConfig, planner: PlannerConfig
+) -> dict[str, Any]:
     """Everything that results depend on besides the contender."""
     settings = {"navrl": version("navrl"), "level": level, "list": scenarios.name, "list_sha256": scenarios.sha256}
-    tables = settings_of(sim) | asdict(controllers) | {"planner": asdict(PlannerConfig()) | {"lookahead": LOOKAHEAD}}
+    tables = settings_of(sim) | asdict(controllers) | {"planner": asdict(planner) | {"lookahead": LOOKAHEAD}}
     flat = {f"{table}.{key}": value for table, keys in tables.items() for key, value in keys.items()}
     return settings | {"seed": EVALUATION_SEED} | flat
 
 
 def _run(
-    entry: Entry, scenarios: ScenarioList, sim: SimConfig, controllers: ControllersConfig, num_threads: int
+    entry: Entry,
+    scenarios: ScenarioList,
+    sim: SimConfig,
+    controllers: ControllersConfig,
+    planner: PlannerConfig,
+    num_threads: int,
 ) -> Record:
-    plans = entry.plans(scenarios.scenarios, sim, num_threads=num_threads)
+    plans = entry.plans(scenarios.scenarios, sim, planner, num_threads=num_threads)
     drive = entry.driver(scenarios.scenarios, plans, sim, controllers)
     evaluation = measure(drive, scenarios, sim, num_threads=num_threads)
-    times = decision_times(entry, scenarios.scenarios, sim, controllers)
+    times = decision_times(entry, scenarios.scenarios, sim, controllers, planner)
     scores = evaluation.summary.to_json() | {"knows_map": entry.planner is not None}
     scores |= _percentiles("decision", times) | _planning(plans, scenarios)
     return Record(entry.name, scores, evaluation.episodes, evaluation.tracks)

@@ -10,7 +10,6 @@ A callable of the same signature is a controller too: `navrl.evaluate` runs it a
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Literal, Protocol, get_args, runtime_checkable
 
@@ -114,7 +113,8 @@ class Controller(_navsim.Controller):
         Args:
             ranges: (N, beams), metres; range_max or more: nothing met; NaN or negative: the beam is lost; minus
                 infinity: too near to measure.
-            goal: (N, 2), distance (m, >= 0) and angle (rad) in the robot's frame; a point ahead on a path does as well.
+            goal: (N, 2), distance (m, >= 0) and angle (rad) in the robot's frame; a point ahead on a path
+                does as well: ``navrl.planners.Lookahead.goal``.
             velocity: (N, 2), v (m/s) and omega (rad/s) of the last period.
             robots: (N,), which robot each row belongs to, for the memory of "mppi" and "random"; 0 to N - 1 if None.
 
@@ -131,20 +131,3 @@ class Controller(_navsim.Controller):
             np.asarray(velocity, np.float64),
             None if robots is None else np.asarray(robots, np.uint32),
         )
-
-
-def lookahead_point(path: Sequence[Sequence[float]] | NDArray[np.float64], lookahead: float) -> tuple[float, float]:
-    """The point that `pursuit`, or any controller, is given as its goal in order to follow a path.
-
-    Args:
-        path: (K, 2) points in the robot's frame, metres, from start to end.
-        lookahead: Distance (m) from the robot; `pursuit.lookahead` of the configuration.
-
-    Returns:
-        Distance (m) and angle (rad) of the first point after the path's nearest one that is so far from the robot,
-        or of the path's end.
-
-    Raises:
-        ValueError: A path without points, or numbers that are not finite.
-    """
-    return _navsim.lookahead_point(np.asarray(path, np.float64).tolist(), lookahead)

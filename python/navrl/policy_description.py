@@ -224,7 +224,7 @@ class PolicyDescription:
         }
         try:
             return cls(**values)
-        except TypeError as error:
+        except (TypeError, AttributeError) as error:
             raise ValueError(f"a value of the wrong type: {error}") from None
 
 

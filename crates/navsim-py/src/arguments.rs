@@ -55,6 +55,22 @@ pub fn copy_array<T: Element + Copy>(
     shape: &[usize],
     values: &mut Vec<T>,
 ) -> PyResult<()> {
+    check_array::<T>(name, argument, shape)?;
+    copy_values(argument, values)
+}
+
+/// As `copy_array` for truth values. numpy takes every byte but 0 for true, also those that are no `bool` of Rust.
+pub fn copy_mask(name: &str, argument: &Bound<'_, PyAny>, shape: &[usize], values: &mut Vec<bool>) -> PyResult<()> {
+    check_array::<bool>(name, argument, shape)?;
+    let mut bytes: Vec<u8> = Vec::new();
+    copy_values(&argument.call_method1("view", ("uint8",))?, &mut bytes)?;
+    values.clear();
+    values.extend(bytes.iter().map(|byte| *byte != 0));
+    Ok(())
+}
+
+/// Refuses what is not an aligned numpy array of exactly this type and shape.
+fn check_array<T: Element>(name: &str, argument: &Bound<'_, PyAny>, shape: &[usize]) -> PyResult<()> {
     let py = argument.py();
     let array = argument
         .cast::<PyUntypedArray>()
@@ -75,6 +91,10 @@ pub fn copy_array<T: Element + Copy>(
             array.strides()
         )));
     }
+    Ok(())
+}
+
+fn copy_values<T: Element + Copy>(array: &Bound<'_, PyAny>, values: &mut Vec<T>) -> PyResult<()> {
     let array = array.cast::<PyArrayDyn<T>>()?.readonly();
     values.clear();
     match array.as_slice() {

@@ -1,4 +1,4 @@
-//! `Controller` for Python, and the point of a path that is pursued.
+//! `Controller` for Python.
 
 use crate::arguments::{copy_array, refusal, rows, whole};
 use navsim::SimConfig;
@@ -61,15 +61,4 @@ impl Controller {
         py.detach(|| core.command(&inputs, &mut commands)).map_err(refusal)?;
         commands.to_pyarray(py).reshape([count, 2])
     }
-}
-
-/// Distance (m) and angle (rad) of the point of `path` (m, robot's frame) that lies `lookahead` metres ahead.
-#[pyfunction]
-pub fn lookahead_point(path: Vec<[f64; 2]>, lookahead: f64) -> PyResult<(f64, f64)> {
-    let finite = path.iter().flatten().chain([&lookahead]).all(|number| number.is_finite());
-    if path.is_empty() || !finite || lookahead <= 0.0 {
-        let message = format!("expected at least one point, finite numbers and lookahead > 0, got {lookahead}");
-        return Err(PyValueError::new_err(format!("path: {message}")));
-    }
-    Ok(controller::lookahead_point(&path, lookahead).into())
 }

@@ -16,7 +16,7 @@ mod _navsim {
     #[pymodule_export]
     use crate::batch::BatchSim;
     #[pymodule_export]
-    use crate::controller::{Controller, lookahead_point};
+    use crate::controller::Controller;
     #[pymodule_export]
     use crate::planner::{Lookahead, plan};
     #[pymodule_export]

@@ -108,7 +108,7 @@ pub struct LidarConfig {
 #[serde(rename_all = "lowercase")]
 pub enum Caster {
     /// The rasteriser with what makes it faster and leaves its bits: every beam against every edge for up to 64 beams,
-    /// and a tree of boxes, nearest first and past what is hidden, for more than 112 static edges or circles.
+    /// and a tree of boxes, nearest first and past what is hidden, where static walls, faces of boxes or circles fill eight blocks of 16.
     Auto,
     /// The vectorised rasteriser: every edge and every circle is drawn over the beams that it may cover.
     Raster,
@@ -172,7 +172,8 @@ pub fn max_steps(task: &TaskConfig) -> u32 {
     libm::round(task.time_limit / task.period) as u32
 }
 
-fn check(key: &'static str, value: f64, allowed: bool, expected: &str) -> Result<()> {
+/// Refuses the setting `key` unless its value is finite and allowed.
+pub(crate) fn check(key: &'static str, value: f64, allowed: bool, expected: &str) -> Result<()> {
     if value.is_finite() && allowed {
         return Ok(());
     }

@@ -12,7 +12,8 @@ use navsim::{BatchSim, Error, Scenario};
 fn digest(sim: &mut BatchSim, robots: usize, mut hash: u64) -> u64 {
     let mut add = |bits: u64| hash = (hash ^ bits).wrapping_mul(0x0000_0100_0000_01b3);
     let beams = sim.config().lidar.beams;
-    sim.ranges().unwrap()[..robots * beams].iter().for_each(|v| add(u64::from(v.to_bits())));
+    sim.keep_ranges().unwrap();
+    sim.ranges()[..robots * beams].iter().for_each(|v| add(u64::from(v.to_bits())));
     let (results, width) = (sim.results(), sim.observation_size());
     results.observations[..robots * width].iter().for_each(|v| add(u64::from(v.to_bits())));
     results.final_observations[..robots * width].iter().for_each(|v| add(u64::from(v.to_bits())));
@@ -200,7 +201,8 @@ fn a_state_keeps_lost_beams() {
     let simulator = || BatchSim::new(config.clone(), 4, 0, 1, true, None).unwrap();
     let (mut whole, mut resumed) = (simulator(), simulator());
     (0..20).for_each(|t| whole.step(&actions(4, t)).unwrap());
-    assert!(whole.ranges().unwrap().iter().any(|range| range.is_nan()));
+    whole.keep_ranges().unwrap();
+    assert!(whole.ranges().iter().any(|range| range.is_nan()));
     resumed.restore(&whole.state().unwrap()).unwrap();
     assert_eq!(digest(&mut resumed, 4, 0), digest(&mut whole, 4, 0));
     (20..60).for_each(|t| {
@@ -310,20 +312,23 @@ fn ranges_are_the_same_whenever_they_are_asked_for() {
     config.lidar.noise = 0.05;
     for autoreset in [true, false] {
         let simulator = |threads| BatchSim::new(config.clone(), 7, 0, threads, autoreset, None).unwrap();
+        let ranges_of = |sim: &mut BatchSim| {
+            sim.keep_ranges().unwrap();
+            sim.ranges().to_vec()
+        };
         let mut kept = simulator(1);
-        let mut first = kept.ranges().unwrap().to_vec();
+        let first = ranges_of(&mut kept);
+        assert!(simulator(1).ranges().is_empty());
         for steps in [0, 1, 150] {
             let mut late = simulator(2);
             for t in 0..steps {
                 late.step(&actions(7, t)).unwrap();
                 kept.step(&actions(7, t)).unwrap();
             }
-            let ranges = kept.ranges().unwrap().to_vec();
-            assert!(steps == 0 || ranges != first);
-            assert_eq!(late.ranges().unwrap(), ranges);
+            assert!(steps == 0 || kept.ranges() != first);
+            assert_eq!(ranges_of(&mut late), kept.ranges());
             late.restore(&simulator(1).state().unwrap()).unwrap();
-            first = simulator(1).ranges().unwrap().to_vec();
-            assert_eq!(late.ranges().unwrap(), first);
+            assert_eq!(late.ranges(), first);
             kept.restore(&simulator(1).state().unwrap()).unwrap();
         }
     }

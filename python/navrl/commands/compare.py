@@ -45,6 +45,7 @@ def compare(options: Namespace) -> int:
         folder,
         level=options.level,
         controllers=config.controllers,
+        planner=config.planner,
         num_threads=num_threads,
         report=lambda line: print(f"navrl: {line}", file=sys.stderr),
     )

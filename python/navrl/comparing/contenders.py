@@ -26,7 +26,7 @@ from navrl.scenarios import robot_radius
 
 if TYPE_CHECKING:
     from navrl.batch import BatchSim, Scenario
-    from navrl.config import ControllersConfig, SimConfig
+    from navrl.config import ControllersConfig, PlannerConfig, SimConfig
 
 LOOKAHEAD = 1.0
 """How far ahead on the path (m) an intermediate goal lies; for "pursuit" as far as `pursuit.lookahead` says."""
@@ -74,17 +74,21 @@ class Entry:
             except UserError as error:
                 raise UserError(f"{self.name}: {error}") from None
 
-    def plans(self, scenarios: Sequence[Scenario], sim: SimConfig, *, num_threads: int) -> list[Plan]:
+    def plans(
+        self, scenarios: Sequence[Scenario], sim: SimConfig, config: PlannerConfig, *, num_threads: int
+    ) -> list[Plan]:
         """The paths that lead it, one for each scenario; none without a planner.
 
         Args:
             scenarios: Maps with starts and goals.
             sim: The robot, for its radius.
+            config: Settings of the planner.
             num_threads: Scenarios that are planned at once.
         """
         if self.planner is None:
             return []
-        return plan_all(scenarios, self.planner, radius=robot_radius(sim), num_threads=num_threads)
+        radius = robot_radius(sim)
+        return plan_all(scenarios, self.planner, radius=radius, config=config, num_threads=num_threads)
 
     def driver(
         self, scenarios: Sequence[Scenario], plans: Sequence[Plan], sim: SimConfig, controllers: ControllersConfig
@@ -119,10 +123,7 @@ def along(guide: Lookahead) -> Towards:
     """
 
     def towards(simulator: BatchSim, running: NDArray[np.intp]) -> NDArray[np.float64]:
-        believed = simulator.odometry
-        ahead = (guide.update(believed[:, :2]) - believed[:, :2])[running]
-        angle = np.arctan2(ahead[:, 1], ahead[:, 0]) - believed[running, 2]
-        return np.stack([np.hypot(ahead[:, 0], ahead[:, 1]), np.arctan2(np.sin(angle), np.cos(angle))], axis=1)
+        return guide.goal(simulator.odometry)[running]
 
     return towards
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from navrl.batch import Scenario
     from navrl.comparing.contenders import Entry
-    from navrl.config import ControllersConfig, SimConfig
+    from navrl.config import ControllersConfig, PlannerConfig, SimConfig
 
 CALLS = 1000
 """Decisions that are timed."""
@@ -28,7 +28,7 @@ WARM_UP = 100
 
 
 def decision_times(
-    entry: Entry, scenarios: Sequence[Scenario], sim: SimConfig, controllers: ControllersConfig
+    entry: Entry, scenarios: Sequence[Scenario], sim: SimConfig, controllers: ControllersConfig, planner: PlannerConfig
 ) -> NDArray[np.float64]:
     """Times of single decisions on the way through the first scenarios; planning, done once before, is not counted.
 
@@ -36,7 +36,8 @@ def decision_times(
         entry: The contender.
         scenarios: Driven one after the other until there are enough calls, from the first again if need be.
         sim: Robot, lidar and task.
-        controllers: Settings.
+        controllers: Settings of controllers.
+        planner: Settings of planners.
 
     Returns:
         (CALLS,) seconds.
@@ -45,7 +46,7 @@ def decision_times(
     one = np.zeros(1, np.intp)
     with threadpool_limits(1, user_api="blas"):
         for scenario in cycle(scenarios):
-            plans = entry.plans([scenario], sim, num_threads=1)
+            plans = entry.plans([scenario], sim, planner, num_threads=1)
             drive = entry.driver([scenario], plans, sim, controllers)
             simulator = BatchSim(sim, num_envs=1, seed=EVALUATION_SEED, autoreset=False, scenarios=[scenario])
             while simulator.outcome[0] == RUNNING:

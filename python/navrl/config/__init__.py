@@ -1,6 +1,7 @@
 """The configuration: its tree of settings, and how files, presets and options are read, checked and refused."""
 
 from navrl.config.controllers import ApfConfig, ControllersConfig, DwaConfig, GapConfig, MppiConfig, PursuitConfig
+from navrl.config.planner import PlannerConfig
 from navrl.config.tree import (
     THREADS_MAX,
     WORLDS,
@@ -35,6 +36,7 @@ __all__ = [
     "LidarConfig",
     "MppiConfig",
     "NetworksConfig",
+    "PlannerConfig",
     "PursuitConfig",
     "ReplayConfig",
     "RewardConfig",

@@ -16,6 +16,7 @@ from pydantic.dataclasses import dataclass
 from navrl.config.checks import check_config, check_sim
 from navrl.config.controllers import ApfConfig, ControllersConfig, DwaConfig, GapConfig, MppiConfig, PursuitConfig
 from navrl.config.faults import STRICT, one_line
+from navrl.config.planner import PlannerConfig
 
 WORLDS = ("td3", "boxes", "open8")
 THREADS_MAX = 256
@@ -354,6 +355,7 @@ class Config:
     gap: GapConfig = GapConfig()
     mppi: MppiConfig = MppiConfig()
     pursuit: PursuitConfig = PursuitConfig()
+    planner: PlannerConfig = PlannerConfig()
 
     def __post_init__(self) -> None:
         """Refuses settings that exclude each other.

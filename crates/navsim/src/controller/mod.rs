@@ -12,7 +12,6 @@ mod pursuit;
 mod scene;
 mod settings;
 
-pub use pursuit::lookahead_point;
 pub use settings::{ApfConfig, ControllersConfig, DwaConfig, GapConfig, MppiConfig, PursuitConfig};
 
 use crate::batch::ROBOTS_MAX;

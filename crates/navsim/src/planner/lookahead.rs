@@ -1,7 +1,7 @@
 //! Intermediate goals along paths: what a robot drives to when a planner knows the way.
 
-use super::inflated::{Point, apart};
 use crate::error::{Error, Result};
+use crate::grown::{Point, apart};
 
 /// Paths of many robots and how far each robot has come.
 #[derive(Debug, Clone)]

@@ -14,6 +14,9 @@ use crate::robot::{Arc, Footprint, command, limit_acceleration};
 use crate::world::{Generator, Layout, Obstacles, Scenario, Shape};
 use serde::{Deserialize, Serialize};
 
+/// More than any number of an episode comes to, and little enough for single precision to square it.
+const NUMBER_MAX: f64 = 1e12;
+
 /// Where episodes come from.
 #[derive(Debug, Clone)]
 pub enum Source {
@@ -336,6 +339,29 @@ impl Episode {
     /// Asks for what a step reads to be brought near: robots follow each other, their shapes lie all over the memory.
     pub fn prefetch(&self) {
         self.obstacles.prefetch();
+    }
+
+    /// Refuses numbers that no episode comes to have, such as those of a state that was edited.
+    ///
+    /// # Errors
+    /// `Error::Parse`, with the name of the number; `Error::Shape`.
+    pub fn validate(&self) -> Result<()> {
+        let Self { pose, start, velocity: [v, omega], goal: [goal_x, goal_y], .. } = *self;
+        let numbers = [
+            ("pose", [pose.x, pose.y, pose.yaw]),
+            ("start", [start.x, start.y, start.yaw]),
+            ("velocity", [v, omega, 0.0]),
+            ("goal", [goal_x, goal_y, self.goal_radius]),
+            ("distance", [self.goal_distance, f64::from(self.clearance), f64::from(self.statistics.clearance)]),
+            ("path", [self.statistics.path, self.statistics.paper_return, 0.0]),
+        ];
+        for (name, values) in numbers {
+            if let Some(value) = values.iter().find(|value| value.is_nan() || value.abs() > NUMBER_MAX) {
+                let text = format!("simulator state: {name} = {value}: expected a number within +-{NUMBER_MAX}");
+                return Err(Error::Parse(text));
+            }
+        }
+        self.moved.iter().try_for_each(Shape::validate)
     }
 
     /// Prepares the moved shapes for queries, after a draw or when a stored episode was read back.
