@@ -160,6 +160,21 @@ def test_other_settings_are_refused(drawn: ScenarioList, tmp_path: Path) -> None
         compare(["gap"], drawn, SIM, tmp_path / "other")
 
 
+def test_damaged_files_are_said_so(drawn: ScenarioList, tmp_path: Path) -> None:
+    for file, content, message in (
+        ("settings.json", "{", r"settings\.json: damaged"),
+        ("contenders/straight.json", "[]", r"straight\.json: damaged"),
+        ("contenders/straight.json", '{"policy_sha256": null}', r"straight\.json: damaged, or .*\.npz is; remove both"),
+        ("contenders/straight.json.npz", "cut", r"straight\.json: damaged, or .*\.npz is; remove both"),
+    ):
+        out = tmp_path / str(len(list(tmp_path.iterdir())))
+        compare(["straight"], drawn.first(2), SIM, out)
+        (out / file).write_text(content)
+        with pytest.raises(UserError, match=message) as refusal:
+            compare(["straight"], drawn.first(2), SIM, out)
+        assert "\n" not in str(refusal.value)
+
+
 def test_another_policy_of_the_same_name_is_refused(drawn: ScenarioList, tmp_path: Path) -> None:
     folder = policy_folder(tmp_path / "policy")
     compare([str(folder)], drawn.first(2), SIM, tmp_path / "out")

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +62,7 @@ class ComparisonFolder:
             raise UserError(f"--out {path}: is not a folder")
         file = path / SETTINGS_FILE
         if file.is_file():
-            _check_settings(path, json.loads(file.read_text(encoding="utf-8")), settings)
+            _check_settings(path, _read(file), settings)
         elif path.is_dir() and any(path.iterdir()):
             raise UserError(f"--out {path}: is not empty and holds no comparison")
         (path / CONTENDERS).mkdir(parents=True, exist_ok=True)
@@ -75,18 +76,23 @@ class ComparisonFolder:
             policy_sha256: Its policy, if it has one.
 
         Raises:
-            UserError: The policy of that name was another one then.
+            UserError: The policy of that name was another one then, or a file is damaged.
         """
         file = self._file(name)
         if not file.is_file():
             return None
-        record = json.loads(file.read_text(encoding="utf-8"))
-        if record["policy_sha256"] != policy_sha256:
+        record, tracks = _read(file), file.with_suffix(file.suffix + ".npz")
+        if record.get("policy_sha256") != policy_sha256:
             raise UserError(f"{self.path}: holds results of another policy {name}; choose another folder")
-        episodes = [Episode.from_json(episode) for episode in record["episodes"]]
-        with np.load(file.with_suffix(file.suffix + ".npz"), allow_pickle=False) as arrays:
-            poses = arrays["poses"]
-        ends = np.cumsum([episode.steps for episode in episodes])
+        try:
+            episodes = [Episode.from_json(episode) for episode in record["episodes"]]
+            with np.load(tracks, allow_pickle=False) as arrays:
+                poses = arrays["poses"]
+            ends = np.cumsum([episode.steps for episode in episodes])
+            if poses.shape != (ends[-1], 3):
+                raise ValueError("poses of other episodes")
+        except (OSError, ValueError, TypeError, KeyError, BadZipFile):
+            raise UserError(f"{file}: damaged, or {tracks.name} is; remove both") from None
         return Record(name, record["scores"], episodes, np.split(poses, ends[:-1]))
 
     def keep(self, record: Record, policy_sha256: str | None) -> None:
@@ -118,6 +124,16 @@ class ComparisonFolder:
 
     def _file(self, name: str) -> Path:
         return self.path / CONTENDERS / (quote(name, safe="+") + ".json")
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        record = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError:
+        record = None
+    if not isinstance(record, dict):
+        raise UserError(f"{file}: damaged: not the JSON of a comparison")
+    return record
 
 
 def _json(value: Any) -> bytes:  # noqa: ANN401 - any JSON value
