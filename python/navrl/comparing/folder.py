@@ -85,7 +85,7 @@ class ComparisonFolder:
         if record.get("policy_sha256") != policy_sha256:
             raise UserError(f"{self.path}: holds results of another policy {name}; choose another folder")
         try:
-            episodes = [Episode.from_json(episode) for episode in record["episodes"]]
+            scores, episodes = record["scores"], [Episode.from_json(episode) for episode in record["episodes"]]
             with np.load(tracks, allow_pickle=False) as arrays:
                 poses = arrays["poses"]
             ends = np.cumsum([episode.steps for episode in episodes])
@@ -93,7 +93,7 @@ class ComparisonFolder:
                 raise ValueError("poses of other episodes")
         except (OSError, ValueError, TypeError, KeyError, BadZipFile):
             raise UserError(f"{file}: damaged, or {tracks.name} is; remove both") from None
-        return Record(name, record["scores"], episodes, np.split(poses, ends[:-1]))
+        return Record(name, scores, episodes, np.split(poses, ends[:-1]))
 
     def keep(self, record: Record, policy_sha256: str | None) -> None:
         """Keeps what a contender did; a crash leaves it complete or absent.
@@ -108,19 +108,6 @@ class ComparisonFolder:
         episodes = [episode.to_json() for episode in record.episodes]
         kept = {"name": record.name, "policy_sha256": policy_sha256, "scores": record.scores, "episodes": episodes}
         write_file(file, _json(kept))
-
-    def write(self, name: str, content: bytes) -> Path:
-        """Writes a result.
-
-        Args:
-            name: Of the file.
-            content: All of it.
-
-        Returns:
-            The file.
-        """
-        write_file(self.path / name, content)
-        return self.path / name
 
     def _file(self, name: str) -> Path:
         return self.path / CONTENDERS / (quote(name, safe="+") + ".json")
