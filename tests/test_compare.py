@@ -9,51 +9,22 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from navrl.batch import Scenario
+from contending import SIM, policy_folder, scenario
 from navrl.cli import main
 from navrl.compare import compare
-from navrl.comparing import plots, timing
-from navrl.config import ControllersConfig, LidarConfig, PlannerConfig, RobotConfig, SimConfig
+from navrl.comparing import plots
+from navrl.config import ControllersConfig, LidarConfig, PlannerConfig, RobotConfig
 from navrl.controllers import Controller
 from navrl.errors import UserError
 from navrl.evaluate import evaluate
 from navrl.planners import plan_all
-from navrl.policy import PolicyDescription, load_policy, save_policy
-from navrl.scenarios import ScenarioList, given_list, load_list
+from navrl.policy import load_policy
+from navrl.scenarios import ScenarioList, given_list
 
-SIM = SimConfig()
 QUICK = ("gap", "straight", "pursuit+astar")
 
 
-@pytest.fixture(autouse=True)
-def _quick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(timing, "CALLS", 20)
-    monkeypatch.setattr(timing, "WARM_UP", 5)
-
-
-@pytest.fixture(scope="module")
-def drawn() -> ScenarioList:
-    return load_list(SIM, "test", count=12)
-
-
-def scenario(**changes: object) -> Scenario:
-    values = {"start": (0.0, 0.0, 0.0), "goal": (3.0, 0.0), "goal_radius": 0.3, "time_limit": 30.0} | changes
-    return Scenario(**values)  # type: ignore[arg-type]
-
-
-def policy_folder(folder: Path, sim: SimConfig = SIM, seed: int = 0) -> Path:
-    """An untrained policy for a robot."""
-    from navrl.config import Config
-
-    config = Config(robot=sim.robot, lidar=sim.lidar)
-    description = replace(PolicyDescription.from_config(config), hidden_sizes=(8, 8))
-    generator = np.random.Generator(np.random.Philox(seed))
-    sizes = {"hidden.0": (8, 26), "hidden.1": (8, 8), "output": (2, 8)}
-    weights = {f"{n}.weight": generator.normal(0, 0.5, s).astype(np.float32) for n, s in sizes.items()}
-    weights |= {f"{n}.bias": np.zeros(s[0], np.float32) for n, s in sizes.items()}
-    save_policy(folder, weights, description)
-    return folder
+pytestmark = pytest.mark.usefixtures("quick")
 
 
 # The same numbers

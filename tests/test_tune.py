@@ -11,11 +11,11 @@ import navrl.tune
 from navrl.cli import main
 from navrl.comparing.levels import at_level
 from navrl.config import Config, ControllersConfig, SimConfig, WorldConfig
-from navrl.config.controllers import searched
+from navrl.config.controllers import TUNABLE, searched
 from navrl.config.files import load_config
 from navrl.errors import UserError
 from navrl.metrics import Episode
-from navrl.tune import TUNABLE, penalised_time, tune
+from navrl.tune import penalised_time, tune
 
 BOXES = Config(world=WorldConfig(name="boxes", boxes=4))
 

@@ -159,7 +159,8 @@ def _add_train(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
         epilog="Every setting of docs/configuration.md can be given as --KEY.PATH VALUE, such as --learner.tau 0.01.",
     )
     train.set_defaults(command="train", run="train:train", takes_settings=True)
-    _add_sources(train)
+    train.add_argument("--preset", metavar="P", help="fast (default) or paper")
+    _add_robot(train)
     train.add_argument("--world", metavar="W", help="td3, boxes or a world file (.json)")
     seeds = train.add_mutually_exclusive_group()
     seeds.add_argument("--seed", metavar="K", help="seed of every random stream (default 0)")
@@ -176,8 +177,7 @@ def _add_train(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
     train.add_argument("--inexact", action="store_true", help="with --resume: also where bitwise is impossible")
 
 
-def _add_sources(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--preset", metavar="P", help="fast (default) or paper")
+def _add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--robot", metavar="R", help="turtlebot3_burger or turtlebot3_waffle")
     parser.add_argument("--config", metavar="F.toml", help="settings from a file")
 
@@ -238,8 +238,7 @@ def _add_compare(commands: Any) -> None:  # noqa: ANN401 - argparse hides the ty
     _add_scenarios(parser)
     parser.add_argument("--level", choices=("ideal", "real"), default="ideal", help="ideal (default) or real")
     parser.add_argument("--episodes", metavar="N", help="only the first N scenarios")
-    parser.add_argument("--robot", metavar="R", help="turtlebot3_burger or turtlebot3_waffle")
-    parser.add_argument("--config", metavar="F.toml", help="settings from a file")
+    _add_robot(parser)
     parser.add_argument("--threads", metavar="N", help="threads (default: all cores); never changes results")
     parser.add_argument("--out", metavar="DIR", required=True, help="folder of the comparison, new or its own")
 
@@ -254,8 +253,7 @@ def _add_tune(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
     parser.add_argument("name", metavar="NAME", help="dwa, apf, gap or mppi")
     parser.add_argument("--world", metavar="W", help="td3 (default), boxes or a world file (.json)")
     parser.add_argument("--boxes", metavar="K", help="number of boxes of the world boxes")
-    parser.add_argument("--robot", metavar="R", help="turtlebot3_burger or turtlebot3_waffle")
-    parser.add_argument("--config", metavar="F.toml", help="settings from a file")
+    _add_robot(parser)
     parser.add_argument("--level", choices=("ideal", "real"), default="ideal", help="ideal (default) or real")
     parser.add_argument("--trials", metavar="N", default="100", help="budget (default 100)")
     parser.add_argument("--episodes", metavar="N", default="500", help="scenarios of a trial (default 500)")

@@ -19,9 +19,10 @@ from typing import Any
 
 import numpy as np
 
+from navrl.batch import config_json
 from navrl.comparing.contenders import LOOKAHEAD, Entry, enter
 from navrl.comparing.folder import ComparisonFolder, Record
-from navrl.comparing.levels import REAL, Level, at_level, settings_of
+from navrl.comparing.levels import REAL, Level, at_level
 from navrl.comparing.timing import decision_times
 from navrl.config import ControllersConfig, PlannerConfig, SimConfig
 from navrl.durable import write_file
@@ -85,12 +86,15 @@ class Comparison:
         Returns:
             Schema, command, list, contenders and pairs.
         """
-        contenders = [
+        head = {"schema": SCHEMA, "navrl": version("navrl"), "command": command, "solved_by_all": len(self.common)}
+        return head | {"contenders": self.contenders(), "pairs": [asdict(pair) for pair in self.pairs]}
+
+    def contenders(self) -> list[dict[str, Any]]:
+        """Name, level and all scores of each contender."""
+        return [
             {"name": record.name, "level": self.level} | record.scores | self._over_common(record)
             for record in self.records
         ]
-        head = {"schema": SCHEMA, "navrl": version("navrl"), "command": command, "solved_by_all": len(self.common)}
-        return head | {"contenders": contenders, "pairs": [asdict(pair) for pair in self.pairs]}
 
     def _over_common(self, record: Record) -> dict[str, float | None]:
         solved = [record.episodes[index] for index in self.common]
@@ -101,7 +105,7 @@ class Comparison:
 
 
 def compare(
-    names: Sequence[str],
+    names: Sequence[str | Entry],
     scenarios: ScenarioList,
     sim: SimConfig,
     folder: Path,
@@ -115,7 +119,8 @@ def compare(
     """Runs every contender over a list, or reads what it did before, and compares each with each.
 
     Args:
-        names: Contenders: run folders, policy folders, "default", controllers, or one of these, "+" and a planner.
+        names: Contenders: run folders, policy folders, "default", controllers, or one of these, "+" and a planner; or
+            what `navrl.comparing.contenders.enter` made of such a name.
         scenarios: The list.
         sim: Robot, lidar and task before the level changes them.
         folder: Where results are kept: new, empty, or of a comparison with the same settings.
@@ -131,10 +136,11 @@ def compare(
     Raises:
         UserError: A name twice or unknown, a policy for another robot, or a folder of another comparison.
     """
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if list(names).count(name) > 1)
+    typed = [name if isinstance(name, str) else name.name for name in names]
+    if len(set(typed)) < len(typed):
+        twice = next(name for name in typed if typed.count(name) > 1)
         raise UserError(f"{twice}: named twice")
-    entries = [enter(name) for name in names]
+    entries = [enter(name) if isinstance(name, str) else name for name in names]
     for entry in entries:
         entry.check(sim, apart_from=tuple(REAL["robot"]) if level == "real" else ())
     sim, controllers, planner = at_level(sim, level), controllers or ControllersConfig(), planner or PlannerConfig()
@@ -178,7 +184,8 @@ def _settings(
 ) -> dict[str, Any]:
     """Everything that results depend on besides the contender."""
     settings = {"navrl": version("navrl"), "level": level, "list": scenarios.name, "list_sha256": scenarios.sha256}
-    tables = settings_of(sim) | asdict(controllers) | {"planner": asdict(planner) | {"lookahead": LOOKAHEAD}}
+    led = {"planner": asdict(planner) | {"lookahead": LOOKAHEAD}}
+    tables = json.loads(config_json(sim)) | asdict(controllers) | led
     flat = {f"{table}.{key}": value for table, keys in tables.items() for key, value in keys.items()}
     return settings | {"seed": EVALUATION_SEED} | flat
 

@@ -14,8 +14,9 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
+from navrl.batch import config_json
 from navrl.config import Config, ControllersConfig
 from navrl.config.controllers import Tunable, searched
 from navrl.config.files import tables_to_toml
@@ -29,8 +30,6 @@ from navrl.scenarios import load_list
 if TYPE_CHECKING:
     import optuna
 
-TUNABLE: tuple[Tunable, ...] = get_args(Tunable)
-"""Controllers that have settings to search."""
 FAILURE_COST = 10.0
 """A failure costs so many times the time limit: 1 % of failures weighs as 5 s of a limit of 50 s."""
 STUDY_FILE = "study.db"
@@ -104,7 +103,7 @@ def tune(
         "list_sha256": scenarios.sha256,
         "seed": seed,
         "first": json.dumps(asdict(config.controllers)),
-        "sim": json.dumps(asdict(config.sim)),
+        "sim": config_json(config.sim),
     }
     study = _open(folder, task)
     while True:

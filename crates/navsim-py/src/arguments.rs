@@ -39,12 +39,19 @@ fn type_name(argument: &Bound<'_, PyAny>) -> String {
     argument.get_type().name().map_or_else(|_| "an object".into(), |name| name.to_string())
 }
 
+fn untyped<'a, 'py>(name: &str, argument: &'a Bound<'py, PyAny>) -> PyResult<&'a Bound<'py, PyUntypedArray>> {
+    argument
+        .cast::<PyUntypedArray>()
+        .map_err(|_| PyTypeError::new_err(format!("{name}: expected a numpy array, got {}", type_name(argument))))
+}
+
 /// Number of rows of a numpy array.
 pub fn rows(name: &str, argument: &Bound<'_, PyAny>) -> PyResult<usize> {
-    let array = argument
-        .cast::<PyUntypedArray>()
-        .map_err(|_| PyTypeError::new_err(format!("{name}: expected a numpy array, got {}", type_name(argument))))?;
-    array.shape().first().copied().ok_or_else(|| PyValueError::new_err(format!("{name}: expected rows, got a number")))
+    untyped(name, argument)?
+        .shape()
+        .first()
+        .copied()
+        .ok_or_else(|| PyValueError::new_err(format!("{name}: expected rows, got a number")))
 }
 
 /// Copies a numpy array of exactly this type and shape into `values`, whatever its strides. The copy is what makes an
@@ -71,10 +78,7 @@ pub fn copy_mask(name: &str, argument: &Bound<'_, PyAny>, shape: &[usize], value
 
 /// Refuses what is not an aligned numpy array of exactly this type and shape.
 fn check_array<T: Element>(name: &str, argument: &Bound<'_, PyAny>, shape: &[usize]) -> PyResult<()> {
-    let py = argument.py();
-    let array = argument
-        .cast::<PyUntypedArray>()
-        .map_err(|_| PyTypeError::new_err(format!("{name}: expected a numpy array, got {}", type_name(argument))))?;
+    let (py, array) = (argument.py(), untyped(name, argument)?);
     if !array.dtype().is_equiv_to(&dtype::<T>(py)) {
         let (expected, got) = (dtype::<T>(py), array.dtype());
         return Err(PyTypeError::new_err(format!("{name}: expected dtype {expected}, got {got}")));

@@ -2,7 +2,7 @@
 
 use crate::config::SimConfig;
 use crate::cpu::DefaultMode;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, expect_length};
 use crate::results::{Results, Rows};
 use crate::task::{Episode, ObservationRow, Outcome, Task, Workspace};
 use crate::world::Scenario;
@@ -356,8 +356,4 @@ fn within(key: &'static str, value: usize, max: usize) -> Result<()> {
         return Ok(());
     }
     Err(Error::Setting { key, value: value.to_string(), expected: format!("1 to {max}") })
-}
-
-fn expect_length(name: &'static str, expected: usize, got: usize) -> Result<()> {
-    if expected == got { Ok(()) } else { Err(Error::Length { name, expected, got }) }
 }

@@ -167,9 +167,9 @@ pub enum RewardForm {
     Halves,
 }
 
-/// Steps after which an episode is cut.
-pub fn max_steps(task: &TaskConfig) -> u32 {
-    libm::round(task.time_limit / task.period) as u32
+/// Steps of `period` (s) after which an episode of `time_limit` (s) is cut.
+pub(crate) fn max_steps(time_limit: f64, period: f64) -> u32 {
+    libm::round(time_limit / period) as u32
 }
 
 /// Refuses the setting `key` unless its value is finite and allowed.

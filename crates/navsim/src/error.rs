@@ -95,3 +95,8 @@ pub enum Error {
 
 /// Result of a call that may be refused.
 pub type Result<T> = std::result::Result<T, Error>;
+
+/// Refuses the array `name` unless it has the expected length.
+pub(crate) fn expect_length(name: &'static str, expected: usize, got: usize) -> Result<()> {
+    if expected == got { Ok(()) } else { Err(Error::Length { name, expected, got }) }
+}

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from navrl.commands.options import given_settings, threads, whole_number
-from navrl.commands.selection import place, scenario_list, simulator
+from navrl.commands.selection import check_boxes, place, scenario_list, simulator
 from navrl.config.files import load_config
-from navrl.errors import UserError
 from navrl.exit_codes import DONE
 
 if TYPE_CHECKING:
@@ -20,14 +19,14 @@ def compare(options: Namespace) -> int:
     """Runs all contenders, writes what came of it, and prints the tables."""
     num_threads = threads(options.threads)
     count = None if options.episodes is None else whole_number("--episodes", options.episodes, 1, 10**6)
-    if options.boxes is not None and options.world != "boxes":
-        raise UserError(f"--boxes {options.boxes}: goes with --world boxes")
+    check_boxes(options)
     config = load_config(options.config, robot=options.robot, options=given_settings(options, "world", "boxes"))
     folder = Path(options.out)
 
     from navrl.comparing.contenders import enter
 
-    sim = _robot(options, config, [enter(name) for name in options.names])
+    entries = [enter(name) for name in options.names]
+    sim = _robot(options, config, entries)
 
     from rich.console import Console
 
@@ -39,7 +38,7 @@ def compare(options: Namespace) -> int:
     where = place(options, sim)
     print(f"navrl: comparing {len(options.names)} contenders on {where}; {folder}", file=sys.stderr)
     comparison = run(
-        options.names,
+        entries,
         scenario_list(options, sim, count=count, num_threads=num_threads),
         sim,
         folder,
@@ -62,5 +61,4 @@ def _robot(options: Namespace, config: "Config", entries: "list[Entry]") -> "Sim
     first = next((entry for entry in entries if entry.policy is not None), None)
     if first is None or first.policy is None or options.config or options.robot or options.settings:
         return config.sim
-    options.policy = first.name.removesuffix(f"+{first.planner}")
-    return simulator(options, first.policy.description)
+    return simulator(options, first.name.removesuffix(f"+{first.planner}"), first.policy.description)

@@ -3,11 +3,11 @@
 import sys
 from argparse import Namespace
 from pathlib import Path
-from typing import get_args
 
 from navrl.commands.options import given_settings, threads, whole_number
+from navrl.commands.selection import check_boxes
 from navrl.comparing.levels import at_level
-from navrl.config.controllers import Tunable
+from navrl.config.controllers import TUNABLE
 from navrl.config.files import load_config
 from navrl.errors import UserError
 from navrl.exit_codes import DONE
@@ -15,10 +15,9 @@ from navrl.exit_codes import DONE
 
 def tune(options: Namespace) -> int:
     """Searches until the budget is spent, and prints the settings."""
-    if options.name not in get_args(Tunable):
-        raise UserError(f"tune: {options.name}: must be one of {', '.join(get_args(Tunable))}")
-    if options.boxes is not None and options.world != "boxes":
-        raise UserError(f"--boxes {options.boxes}: goes with --world boxes")
+    if options.name not in TUNABLE:
+        raise UserError(f"tune: {options.name}: must be one of {', '.join(TUNABLE)}")
+    check_boxes(options)
     config = load_config(options.config, robot=options.robot, options=given_settings(options, "world", "boxes"))
     config = at_level(config, options.level)
     trials = whole_number("--trials", options.trials, 1, 10**6)

@@ -1,7 +1,8 @@
 """Who takes part in a comparison: a policy, a controller, or one of them led along the path of a planner.
 
-    entry = enter("default+astar")                        a name, read; policies are loaded
-    drive = entry.driver(scenarios, sim, controllers)     what the evaluator calls in every period
+    entry = enter("default+astar")                              a name, read; policies are loaded
+    plans = entry.plans(scenarios, sim, config, ...)            the paths that lead it
+    drive = entry.driver(scenarios, plans, sim, controllers)    what the evaluator calls in every period
 
 Only a contender with a planner gets the map, and only the planner reads it: what drives has its scan, the goal that it
 is led to, and its own speed, as all others have.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any, Literal, TypeVar, get_args
 
 from navrl.config import Config, SimConfig
@@ -40,11 +40,3 @@ def at_level(config: Configured, level: Level) -> Configured:
         return config
     tables = {table: replace(getattr(config, table), **values) for table, values in REAL.items()}
     return replace(config, **tables)
-
-
-def settings_of(sim: SimConfig) -> dict[str, Any]:
-    """All settings of a simulator, as JSON has them."""
-    return {
-        table: {key: list(value) if isinstance(value, tuple) else value for key, value in keys.items()}
-        for table, keys in asdict(sim).items()
-    }

@@ -42,7 +42,7 @@ def sheets(comparison: Comparison) -> list[Sheet]:
     Args:
         comparison: What came of it.
     """
-    rows = [(entry["name"], entry) for entry in comparison.to_json("")["contenders"]]
+    rows = [(entry["name"], entry) for entry in comparison.contenders()]
     arrive = [(name, *_arrives(scores)) for name, scores in rows]
     drive = [(name, *_drives(scores)) for name, scores in rows]
     think = [(name, *_thinks(scores)) for name, scores in rows]

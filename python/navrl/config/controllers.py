@@ -1,7 +1,7 @@
 """Settings of the classical controllers: part of the configuration tree, with the ranges that `navrl tune` searches."""
 
 from dataclasses import dataclass as plain_dataclass
-from typing import Annotated, Literal, get_type_hints
+from typing import Annotated, Literal, get_args, get_type_hints
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
@@ -137,19 +137,19 @@ class PursuitConfig:
     Set by hand: without a planner's path there is nothing to tune it on.
     """
 
-    lookahead: Annotated[float, _Distance, Search(0.2, 1.2)] = 0.5
+    lookahead: Annotated[float, _Distance] = 0.5
     """Distance (m) of the point of the path that is pursued."""
-    turn_in_place: Annotated[float, Field(ge=0, le=3.2), Search(0.3, 1.6)] = 0.8
+    turn_in_place: Annotated[float, Field(ge=0, le=3.2)] = 0.8
     """A larger angle to that point is turned away in place (rad)."""
-    turn_gain: Annotated[float, _Gain, Search(0.5, 10, log=True)] = 3.0
+    turn_gain: Annotated[float, _Gain] = 3.0
     """Turning speed per angle while turning in place (1/s)."""
-    radius_min: Annotated[float, Field(ge=0, le=1000), Search(0.1, 1.5)] = 0.6
+    radius_min: Annotated[float, Field(ge=0, le=1000)] = 0.6
     """Arcs of a smaller radius (m) are driven slower in proportion."""
     approach: Annotated[float, Field(ge=0, le=1000)] = 0.3
     """Distance to the goal (m) below which the robot slows in proportion."""
     v_min: Annotated[float, Field(ge=0, le=100)] = 0.05
     """Slowest forward speed (m/s) while it slows."""
-    stop_time: Annotated[float, Field(ge=0, le=60), Search(0, 1)] = 0.2
+    stop_time: Annotated[float, Field(ge=0, le=60)] = 0.2
     """The robot stops unless the free way along its arc lasts so long (s) at its speed."""
     margin: Annotated[float, Field(ge=0, le=10)] = 0.02
     """Added to the robot's radius (m)."""
@@ -168,6 +168,7 @@ class ControllersConfig:
 
 
 Tunable = Literal["dwa", "apf", "gap", "mppi"]
+TUNABLE: tuple[Tunable, ...] = get_args(Tunable)
 """Controllers that have settings to search."""
 
 

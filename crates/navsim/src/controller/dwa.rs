@@ -19,7 +19,7 @@ pub(super) struct Dwa {
 
 /// Commands that the robot can reach within a period.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Window {
+struct Window {
     /// Smallest and largest forward speed, m/s.
     pub v: [f32; 2],
     /// Smallest and largest turning speed, rad/s.
@@ -40,11 +40,16 @@ impl Window {
     }
 }
 
-/// Whether the robot can still stop on a free way (m) from speed `v`, when braking begins after `reaction` seconds:
-/// v reaction + v^2 / (2 acceleration) <= way. Without a limit it stops at once.
-pub(super) fn admissible(v: f32, way: f32, reaction: f32, acceleration: f32) -> bool {
+/// Way (m) that stopping from speed `v` takes, when braking begins after `reaction` seconds:
+/// v reaction + v^2 / (2 acceleration). Without a limit the robot then stops at once.
+fn stopping_way(v: f32, reaction: f32, acceleration: f32) -> f32 {
     let braking = if acceleration > 0.0 { 0.5 * v * v / acceleration } else { 0.0 };
-    v == 0.0 || v * reaction + braking <= way
+    v * reaction + braking
+}
+
+/// Whether the robot can still stop on a free way (m).
+fn admissible(v: f32, way: f32, reaction: f32, acceleration: f32) -> bool {
+    v == 0.0 || stopping_way(v, reaction, acceleration) <= way
 }
 
 impl Dwa {
@@ -58,7 +63,8 @@ impl Dwa {
         let Window { v: [v_low, v_high], omega: [omega_low, omega_high] } = Window::new(limits, sight.velocity);
         // What lies beyond the goal does not matter.
         let reach = (self.config.clearance_max as f32).min(sight.goal_distance).max(1e-3);
-        let farthest = reach.max(self.stopping_way(limits, v_high));
+        let reaction = self.config.reaction as f32;
+        let farthest = reach.max(stopping_way(v_high, reaction, limits.acceleration));
         self.arcs.prepare(sight.scene, limits.radius + self.config.margin as f32, farthest);
         let mut best = (f32::NEG_INFINITY, [0.0; 2]);
         let mut slowest = (f32::NEG_INFINITY, [v_low, 0.0]);
@@ -70,7 +76,7 @@ impl Dwa {
                 if i == 0 && way > slowest.0 {
                     slowest = (way, [v, omega]);
                 }
-                if admissible(v, way, self.config.reaction as f32, limits.acceleration) {
+                if admissible(v, way, reaction, limits.acceleration) {
                     let value = self.objective(limits, sight, [v, omega], way.min(reach) / reach);
                     if value > best.0 {
                         best = (value, [v, omega]);
@@ -89,12 +95,6 @@ impl Dwa {
         } else {
             self.arcs.free_way_after_turn(omega * self.config.horizon as f32)
         }
-    }
-
-    /// Way (m) that stopping from `v` takes.
-    fn stopping_way(&self, limits: &Limits, v: f32) -> f32 {
-        let braking = if limits.acceleration > 0.0 { 0.5 * v * v / limits.acceleration } else { 0.0 };
-        v * self.config.reaction as f32 + braking
     }
 
     fn objective(&self, limits: &Limits, sight: &Sight, [v, omega]: [f32; 2], clearance: f32) -> f32 {

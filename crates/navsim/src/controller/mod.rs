@@ -17,7 +17,7 @@ pub use settings::{ApfConfig, ControllersConfig, DwaConfig, GapConfig, MppiConfi
 use crate::batch::ROBOTS_MAX;
 use crate::config::{RobotConfig, SimConfig};
 use crate::cpu::DefaultMode;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, expect_length};
 use crate::pose::wrap_angle;
 use crate::rng::{Purpose, Split, Stream, StreamName};
 use crate::robot::{Footprint, limit_acceleration};
@@ -219,9 +219,9 @@ impl Controller {
     }
 
     fn check(&mut self, inputs: &Inputs, rows: usize) -> Result<()> {
-        length("ranges", rows * self.beams(), inputs.ranges.len())?;
-        length("goal", 2 * rows, inputs.goals.len())?;
-        length("velocity", 2 * rows, inputs.velocities.len())?;
+        expect_length("ranges", rows * self.beams(), inputs.ranges.len())?;
+        expect_length("goal", 2 * rows, inputs.goals.len())?;
+        expect_length("velocity", 2 * rows, inputs.velocities.len())?;
         numbers("goal", inputs.goals)?;
         numbers("velocity", inputs.velocities)?;
         if let Some(row) = (0..rows).find(|row| inputs.goals[2 * row] < 0.0) {
@@ -230,7 +230,7 @@ impl Controller {
         }
         let mut robots = rows;
         if let Some(names) = inputs.robots {
-            length("robots", rows, names.len())?;
+            expect_length("robots", rows, names.len())?;
             robots = names.iter().fold(0, |most, &robot| most.max(robot as usize + 1));
         }
         if robots > ROBOTS_MAX {
@@ -284,10 +284,6 @@ fn straight(limits: &Limits, sight: &Sight) -> [f32; 2] {
 fn random(limits: &Limits, stream: &StreamName) -> [f32; 2] {
     let mut stream = Stream::new(*stream);
     [limits.v_max * stream.unit() as f32, limits.omega_max * stream.uniform(-1.0, 1.0) as f32]
-}
-
-fn length(name: &'static str, expected: usize, got: usize) -> Result<()> {
-    if expected == got { Ok(()) } else { Err(Error::Length { name, expected, got }) }
 }
 
 /// Refuses NaN, infinity, and what overflows in single precision.

@@ -2,9 +2,9 @@
 //!
 //! The tables and keys are those of the configuration file: `dwa`, `apf`, `gap`, `mppi`, `pursuit`.
 
+use crate::config::check;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
-use std::ops::RangeInclusive;
 
 /// The settings of every controller that has any.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -188,15 +188,8 @@ impl ControllersConfig {
             ("pursuit.stop_time", pursuit.stop_time, 0.0..=60.0),
             ("pursuit.margin", pursuit.margin, 0.0..=10.0),
         ] {
-            check(key, value, range)?;
+            check(key, value, range.contains(&value), &format!("{} to {}", range.start(), range.end()))?;
         }
         Ok(())
     }
-}
-
-fn check(key: &'static str, value: f64, range: RangeInclusive<f64>) -> Result<()> {
-    if range.contains(&value) {
-        return Ok(());
-    }
-    Err(Error::Setting { key, value: format!("{value}"), expected: format!("{} to {}", range.start(), range.end()) })
 }

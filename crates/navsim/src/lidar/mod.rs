@@ -161,7 +161,7 @@ impl Lidar {
             let [cos, sin] = &self.fan.directions[i / BLOCK];
             let (cos, sin) = (cos.0[i % BLOCK], sin.0[i % BLOCK]);
             let direction = [view.cos * cos - view.sin * sin, view.sin * cos + view.cos * sin];
-            *range = around.obstacles.iter().fold(self.noise.range_max, |nearest, obstacles| {
+            *range = around.obstacles.iter().fold(self.fan.range_max, |nearest, obstacles| {
                 obstacles.cast_ray([view.x, view.y], direction, nearest)
             });
         }

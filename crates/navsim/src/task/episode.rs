@@ -116,11 +116,6 @@ impl Task {
         &self.config
     }
 
-    /// The lidar.
-    pub fn lidar(&self) -> &Lidar {
-        &self.lidar
-    }
-
     /// Numbers of an observation.
     pub fn observation_size(&self) -> usize {
         self.lidar.bins().len() + EXTRA
@@ -144,7 +139,7 @@ impl Task {
     }
 
     /// Number of given scenarios, `None` when they are drawn.
-    pub fn scenario_count(&self) -> Option<usize> {
+    fn scenario_count(&self) -> Option<usize> {
         match &self.source {
             Source::Generator(_) => None,
             Source::Scenarios(scenarios) => Some(scenarios.len()),
@@ -171,15 +166,13 @@ impl Task {
                 (episode.start, episode.goal) = (layout.start, layout.goal);
                 episode.moved.clone_from(&layout.moved);
                 episode.goal_radius = self.config.task.goal_radius;
-                episode.max_steps = max_steps(&self.config.task);
+                episode.max_steps = max_steps(self.config.task.time_limit, self.config.task.period);
             }
             Source::Scenarios(scenarios) => {
                 let (scenario, _) = &scenarios[robot % scenarios.len()];
                 (episode.start, episode.goal) = (scenario.start, scenario.goal);
                 episode.goal_radius = scenario.goal_radius;
-                let mut task = self.config.task.clone();
-                task.time_limit = scenario.time_limit;
-                episode.max_steps = max_steps(&task);
+                episode.max_steps = max_steps(scenario.time_limit, self.config.task.period);
             }
         }
         episode.prepare_moved();
