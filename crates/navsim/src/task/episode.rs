@@ -359,10 +359,7 @@ impl Episode {
 
     /// Prepares the moved shapes for queries, after a draw or when a stored episode was read back.
     pub fn prepare_moved(&mut self) {
-        self.obstacles.clear();
-        for shape in &self.moved {
-            self.obstacles.push(shape);
-        }
+        self.obstacles.refill(&self.moved);
     }
 }
 
