@@ -22,8 +22,8 @@ const HIERARCHY_FROM: usize = 32;
 pub struct Obstacles {
     /// Boxes first, as `outline.boxes` has them unless there is a hierarchy.
     placed: Vec<Placed>,
-    /// A disc around each shape that is no box: centre x, y and radius, m.
-    bounds: Blocks<3>,
+    /// A rectangle around each shape that is no box: [x0, y0, x1, y1], m.
+    bounds: Blocks<4>,
     hierarchy: Option<Box<Bvh>>,
     outline: Outline,
 }
@@ -85,7 +85,7 @@ impl Obstacles {
         }
         for shape in shapes.iter().filter(|shape| !is_box(shape)) {
             self.placed.push(Placed::new(shape));
-            self.bounds.push(bounding_disc(shape));
+            self.bounds.push(bounding_rectangle(shape));
             self.outline.push(shape);
         }
     }
@@ -158,7 +158,7 @@ impl Obstacles {
     }
 
     /// The smallest `distance` of a shape from something that reaches `reach` m around `point`, or `limit` if none is
-    /// smaller. Asks only about shapes that come near enough: discs around them are looked at block by block.
+    /// smaller. Asks only about shapes that come near enough: their bounds are looked at block by block.
     fn nearest_by(&self, point: Vector, reach: f32, limit: f32, distance: impl Fn(&Placed) -> f32) -> f32 {
         let closest =
             |nearest: f32, gaps: &[f32], placed: &[Placed]| {
@@ -171,8 +171,8 @@ impl Obstacles {
         for (block, placed) in self.outline.boxes.blocks().iter().zip(boxes.chunks(BOXES)) {
             nearest = closest(nearest, &gaps_to_boxes(block, point, reach), placed);
         }
-        for (discs, placed) in self.bounds.blocks().iter().zip(others.chunks(BLOCK)) {
-            nearest = closest(nearest, &gaps_to_discs(discs, point, reach), placed);
+        for (rectangles, placed) in self.bounds.blocks().iter().zip(others.chunks(BLOCK)) {
+            nearest = closest(nearest, &gaps_to_rectangles(rectangles, point, reach), placed);
         }
         nearest
     }
@@ -208,21 +208,14 @@ impl Obstacles {
     }
 }
 
-/// A disc that certainly holds `shape`: centre x, y and radius, m.
-fn bounding_disc(shape: &Shape) -> [f32; 3] {
-    let [x0, y0, x1, y1] = shape.bounds();
-    let center = vector([0.5 * (x0 + x1), 0.5 * (y0 + y1)]);
-    // A circle's box has a larger diagonal than the circle needs; the bound only has to hold.
-    let radius = match shape {
-        Shape::Circle { radius, .. } => *radius as f32,
-        _ => 0.5 * libm::hypot(x1 - x0, y1 - y0) as f32,
-    };
-    [center.x, center.y, a_little_more(radius)]
-}
+/// More than what rounding takes from a bound: this (m), and this part of it.
+const ROUNDING: f32 = 2e-6;
 
-/// More than rounding may take from a radius, m.
-fn a_little_more(radius: f32) -> f32 {
-    radius * 1.000_001 + 1e-6
+/// A rectangle that certainly holds `shape`: [x0, y0, x1, y1], m.
+fn bounding_rectangle(shape: &Shape) -> [f32; 4] {
+    let [x0, y0, x1, y1] = shape.bounds().map(|bound| bound as f32);
+    let slack = |bound: f32| ROUNDING * (1.0 + bound.abs());
+    [x0 - slack(x0), y0 - slack(y0), x1 + slack(x1), y1 + slack(y1)]
 }
 
 /// Distances (m), or less, from eight boxes to a disc of radius `reach` around `point`; negative where they may overlap.
@@ -232,15 +225,17 @@ fn gaps_to_boxes(Block(boxes): &Block<6, BOXES>, point: Vector, reach: f32) -> [
         let (dx, dy) = (point.x - x[i], point.y - y[i]);
         let (along, across) =
             (along_x[i] * along_x[i] + along_y[i] * along_y[i], across_x[i] * across_x[i] + across_y[i] * across_y[i]);
-        (dx * dx + dy * dy).sqrt() - a_little_more((along + across).sqrt()) - reach
+        (dx * dx + dy * dy).sqrt() - (along + across).sqrt() * (1.0 + ROUNDING) - ROUNDING - reach
     })
 }
 
-/// Distances (m) from sixteen discs to one of radius `reach` around `point`; negative where they overlap.
-fn gaps_to_discs(Block([x, y, radius]): &Block<3, BLOCK>, point: Vector, reach: f32) -> [f32; BLOCK] {
+/// Distances (m), or less, from sixteen rectangles to a disc of radius `reach` around `point`; not positive where they
+/// may overlap.
+fn gaps_to_rectangles(Block([x0, y0, x1, y1]): &Block<4, BLOCK>, point: Vector, reach: f32) -> [f32; BLOCK] {
+    let outside = |at: f32, low: f32, high: f32| (low - at).max(at - high).max(0.0);
     std::array::from_fn(|i| {
-        let (dx, dy) = (point.x - x[i], point.y - y[i]);
-        (dx * dx + dy * dy).sqrt() - radius[i] - reach
+        let (dx, dy) = (outside(point.x, x0[i], x1[i]), outside(point.y, y0[i], y1[i]));
+        (dx * dx + dy * dy).sqrt() - reach
     })
 }
 
