@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "BatchSim",
+    "Learner",
     "Scenario",
     "check_world",
     "draw_list",
@@ -76,6 +77,54 @@ class BatchSim:
     def episode_clearance(self) -> NDArray[np.float64]: ...
     @property
     def episodes(self) -> NDArray[np.uint64]: ...
+
+@final
+class Learner:
+    """Updates of the networks of one learner; each layer is (inputs, outputs, place of W, place of b) in its vector.
+
+    Raises:
+        ValueError: Sizes that do not fit each other.
+    """
+
+    def __new__(
+        cls,
+        *,
+        double: bool,
+        actor: Sequence[tuple[int, int, int, int]],
+        critic: Sequence[tuple[int, int, int, int]],
+        action_weight: int,
+        critics: int,
+        batch: int,
+        sizes: Sequence[int],
+        policy_delay: int,
+        tau: float,
+        pretanh_penalty: float,
+        bounds: Sequence[float],
+        frozen_combined: bool,
+        mirror: tuple[Sequence[int], Sequence[float]] | None,
+    ) -> Self: ...
+    def update(
+        self,
+        *,
+        actor: Sequence[NDArray[Any]],
+        critic: Sequence[NDArray[Any]],
+        rates: Sequence[float],
+        steps: Sequence[int],
+        replay: NDArray[np.float32],
+        indices: NDArray[np.int64],
+        mirrored: NDArray[np.bool_],
+        noise: NDArray[np.float32],
+    ) -> list[list[float]]:
+        """One update for each batch of indices; `actor` and `critic` are parameters, targets, first and second moments.
+
+        Returns:
+            For each update critic_loss, average_q, maximum_q, actor_loss, saturated_share; NaN without an actor step.
+
+        Raises:
+            ArithmeticError: NaN or infinity.
+            TypeError: An array of another type.
+            ValueError: Another size, not contiguous, or vectors that overlap.
+        """
 
 @final
 class Scenario:

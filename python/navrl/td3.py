@@ -31,6 +31,7 @@ from torch import Tensor, nn
 
 from navrl.config import Config, NetworksConfig
 from navrl.gradients import ActorPass, CriticPass, pack, unpack
+from navrl.native import Draws, NativeUpdates, Trained, kernel_of
 from navrl.networks import ACTIONS, Actor, TwinCritic, encoded_size, mirror_actions, mirror_encoded
 from navrl.replay import Arrays, NonFiniteError, Replay, row_width
 from navrl.streams import restore_stream, stream, stream_state
@@ -121,6 +122,7 @@ class TD3:
         self.updates = 0
         self.actor_updates = 0
         self.progress = 0.0
+        self._native = self._native_updates() if kernel_of(config) == "native" else None
 
     def _build(self, networks: NetworksConfig, *, num_critics: int, generator: np.random.Generator) -> None:
         """Makes networks, targets, optimisers and the memory of a batch."""
@@ -144,6 +146,23 @@ class TD3:
         columns = torch.split(self._rows, [self.inputs, ACTIONS, self.inputs, 1, 1], dim=1)
         self._observations, self._actions, self._successors = columns[:3]
         self._returns, self._bootstrap = columns[3][:, 0], columns[4][:, 0]
+
+    def _native_updates(self) -> NativeUpdates:
+        """The native kernel, to work in the memory of the networks and optimisers."""
+        networks, optimizers = (self.actor, self.critic), (self.actor_optimizer, self.critic_optimizer)
+        moments = [list(optimizer.state.values())[0] for optimizer in optimizers]
+        actor, critic = (
+            Trained(network, (online, target, moment["exp_avg"], moment["exp_avg_sq"]))
+            for network, online, target, moment in zip(networks, self._online, self._targets, moments, strict=True)
+        )
+        return NativeUpdates(
+            self.config,
+            actor=actor,
+            critic=critic,
+            policy_delay=self.policy_delay,
+            bounds=self.bounds,
+            mirror=self._mirror,
+        )
 
     @property
     def policy(self) -> Actor:
@@ -183,6 +202,8 @@ class TD3:
         """
         if self.replay.size == 0:
             raise ValueError("no rows in replay to learn from")
+        if self._native is not None:
+            return self._update_natively(self._native, count)
         errors, values, actor_losses, outputs = [], [], [], []
         for batch in self._batches(count):
             self._rows.copy_(batch.rows)
@@ -199,6 +220,32 @@ class TD3:
                 torch._foreach_lerp_(self._targets, self._online, self.config.tau)
         self._refuse_non_finite(errors)
         return _metrics(values, errors, actor_losses, outputs)
+
+    def _update_natively(self, native: NativeUpdates, count: int) -> UpdateMetrics:
+        """Makes `count` updates as `update` does, on the native kernel."""
+        optimizers, records = (self.actor_optimizer, self.critic_optimizer), []
+        for draws in self._draws(count, min(BLOCK, native.updates_per_call)):
+            rates = tuple(optimizer.param_groups[0]["lr"] for optimizer in optimizers)
+            rows = native.update(
+                self.replay.rows, draws, rates=rates, steps=(self.actor_updates, self.updates)
+            )
+            records.append(rows)
+            self.updates += len(rows)
+            self.actor_updates = self.updates // self.policy_delay
+            for optimizer, steps in zip(optimizers, (self.actor_updates, self.updates), strict=True):
+                for moments in optimizer.state.values():
+                    moments["step"].fill_(steps)
+        loss, average_q, maximum_q, actor_loss, saturated = np.concatenate(records).T
+        stepped = ~np.isnan(actor_loss)
+        no_actor_step = not stepped.any()
+        return UpdateMetrics(
+            critic_loss=float(loss.mean()),
+            average_q=float(average_q.mean()),
+            maximum_q=float(maximum_q.max()),
+            actor_updates=int(stepped.sum()),
+            actor_loss=nan if no_actor_step else float(actor_loss[stepped].mean()),
+            saturated_share=nan if no_actor_step else float(saturated[stepped].mean()),
+        )
 
     def _target(self, noise: Tensor) -> Tensor:
         """The targets (B,) of the batch; `noise` (B, 2) is clip(N(0, sigma), +-c)."""
@@ -248,18 +295,25 @@ class TD3:
         self.critic_optimizer.param_groups[0]["lr"] = self.config.critic_lr * share
         self.actor_optimizer.param_groups[0]["lr"] = self.config.actor_lr * share
 
+    def _draws(self, count: int, block: int) -> Iterator[Draws]:
+        """Draws for `count` updates, for at most `block` of them at a time."""
+        for first in range(0, count, block):
+            shape = (min(block, count - first), self.config.batch_size)
+            indices = self._streams["replay_indices"].integers(self.replay.size, size=shape)
+            mirrored = np.zeros(shape, np.bool_)
+            if self._mirror is not None:
+                mirrored = self._streams["mirror"].random(indices.size, np.float32).reshape(shape) < 0.5
+            yield Draws(indices, mirrored, self._target_noise((*shape, ACTIONS)))
+
     def _batches(self, count: int) -> Iterator[Batch]:
         """Draws `count` batches, `BLOCK` at a time."""
-        for first in range(0, count, BLOCK):
-            shape = (min(BLOCK, count - first), self.config.batch_size)
-            indices = self._streams["replay_indices"].integers(self.replay.size, size=shape)
-            rows = self.replay.sample(indices.ravel())
+        for draws in self._draws(count, BLOCK):
+            rows = self.replay.sample(draws.indices.ravel())
             if self._mirror is not None:
-                mirrored = self._streams["mirror"].random(len(rows), np.float32) < 0.5
-                permutation, signs = self._mirror
+                mirrored, (permutation, signs) = draws.mirrored.ravel(), self._mirror
                 rows[mirrored] = rows[mirrored][:, permutation] * signs
-            noise = self._target_noise((*shape, ACTIONS))
-            yield from map(Batch, torch.from_numpy(rows.reshape(*shape, -1)), torch.from_numpy(noise))
+            batches = torch.from_numpy(rows.reshape(*draws.indices.shape, -1))
+            yield from map(Batch, batches, torch.from_numpy(draws.noise))
 
     def _target_noise(self, shape: tuple[int, ...]) -> NDArray[np.float32]:
         """Draws clip(N(0, policy_noise), +-noise_clip), or zeros where it is off."""

@@ -2,6 +2,7 @@
 
 mod arguments;
 mod batch;
+mod learner;
 mod scenario;
 
 use pyo3::prelude::*;
@@ -13,6 +14,8 @@ mod _navsim {
     use super::{check_world, isa};
     #[pymodule_export]
     use crate::batch::BatchSim;
+    #[pymodule_export]
+    use crate::learner::Learner;
     #[pymodule_export]
     use crate::scenario::{Scenario, draw_list, needs_detour, read_list, shortest_path};
 }
