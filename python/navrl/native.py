@@ -2,7 +2,7 @@
 
     kernel_of(config) -> "native" | "torch"           what computes the updates of a configuration
     Draws(indices, mirrored, noise)                   what some updates draw
-    NativeUpdates(...).update(replay, draws, rates=, steps=) -> (n, 5) float64
+    NativeUpdates(...).update(replay, draws, rates=, updates=) -> a Record for each update
 
 Torch's tensors remain the only copy of parameters and moments: the kernel works in their memory. It computes on one
 thread, without the interpreter's lock. Beside torch's updates its own differ by rounding alone.
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -56,6 +56,19 @@ class Trained:
     """Its parameters lie in the first vector."""
     vectors: tuple[Tensor, Tensor, Tensor, Tensor]
     """Parameters, the target's parameters, and Adam's first and second moments."""
+    step: Tensor
+    """() Adam's count of steps."""
+
+
+class Record(NamedTuple):
+    """What one update tells; see `navrl.td3.UpdateMetrics`."""
+
+    critic_loss: float
+    average_q: float
+    maximum_q: float
+    actor_loss: float
+    """NaN without an actor step, as the next."""
+    saturated_share: float
 
 
 class NativeUpdates:
@@ -87,6 +100,8 @@ class NativeUpdates:
             "actor": [vector.detach().numpy() for vector in actor.vectors],
             "critic": [vector.detach().numpy() for vector in critic.vectors],
         }
+        self._steps = [trained.step.numpy() for trained in (actor, critic)]
+        self._policy_delay = policy_delay
         sizes = [len(vectors[0]) for vectors in self._vectors.values()]
         self.updates_per_call = max(1, WORK_PER_CALL // (4 * config.batch_size * sum(sizes)))
         """Updates that one call should make at most."""
@@ -109,19 +124,18 @@ class NativeUpdates:
         )
 
     def update(
-        self, replay: NDArray[np.float32], draws: Draws, *, rates: tuple[float, float], steps: tuple[int, int]
-    ) -> NDArray[np.float64]:
+        self, replay: NDArray[np.float32], draws: Draws, *, rates: tuple[float, float], updates: int
+    ) -> list[Record]:
         """Makes the updates of some draws.
 
         Args:
             replay: (rows, width) float32.
             draws: Their draws.
             rates: Adam's step sizes of actor and critics.
-            steps: Steps so far of actor and critics.
+            updates: Updates so far.
 
         Returns:
-            (n, 5): for each update critic_loss, average_q, maximum_q, and the actor's loss and saturated share, which
-            are NaN without an actor step.
+            One for each update.
 
         Raises:
             NonFiniteError: In a row, a parameter, a moment or the noise; nothing has changed then. Or in what was
@@ -131,7 +145,7 @@ class NativeUpdates:
             rows = self._kernel.update(
                 **self._vectors,
                 rates=rates,
-                steps=steps,
+                steps=(updates // self._policy_delay, updates),
                 replay=replay,
                 indices=draws.indices.ravel(),
                 mirrored=draws.mirrored.ravel(),
@@ -139,7 +153,9 @@ class NativeUpdates:
             )
         except ArithmeticError as error:
             raise NonFiniteError(str(error)) from None
-        return np.array(rows, np.float64)
+        updates += len(rows)
+        self._steps[0][()], self._steps[1][()] = updates // self._policy_delay, updates
+        return [Record(*row) for row in rows]
 
 
 def _place(weight: nn.Parameter, bias: nn.Parameter) -> tuple[int, int, int, int]:

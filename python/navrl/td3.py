@@ -22,7 +22,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import nan
+from math import isnan, nan
 
 import numpy as np
 import torch
@@ -31,7 +31,7 @@ from torch import Tensor, nn
 
 from navrl.config import Config, NetworksConfig
 from navrl.gradients import ActorPass, CriticPass, pack, unpack
-from navrl.native import Draws, NativeUpdates, Trained, kernel_of
+from navrl.native import Draws, NativeUpdates, Record, Trained, kernel_of
 from navrl.networks import ACTIONS, Actor, TwinCritic, encoded_size, mirror_actions, mirror_encoded
 from navrl.replay import Arrays, NonFiniteError, Replay, row_width
 from navrl.streams import restore_stream, stream, stream_state
@@ -150,9 +150,9 @@ class TD3:
     def _native_updates(self) -> NativeUpdates:
         """The native kernel, to work in the memory of the networks and optimisers."""
         networks, optimizers = (self.actor, self.critic), (self.actor_optimizer, self.critic_optimizer)
-        moments = [list(optimizer.state.values())[0] for optimizer in optimizers]
+        moments = [next(iter(optimizer.state.values())) for optimizer in optimizers]
         actor, critic = (
-            Trained(network, (online, target, moment["exp_avg"], moment["exp_avg_sq"]))
+            Trained(network, (online, target, moment["exp_avg"], moment["exp_avg_sq"]), moment["step"])
             for network, online, target, moment in zip(networks, self._online, self._targets, moments, strict=True)
         )
         return NativeUpdates(
@@ -223,28 +223,20 @@ class TD3:
 
     def _update_natively(self, native: NativeUpdates, count: int) -> UpdateMetrics:
         """Makes `count` updates as `update` does, on the native kernel."""
-        optimizers, records = (self.actor_optimizer, self.critic_optimizer), []
+        records: list[Record] = []
+        rates = (self.actor_optimizer.param_groups[0]["lr"], self.critic_optimizer.param_groups[0]["lr"])
         for draws in self._draws(count, min(BLOCK, native.updates_per_call)):
-            rates = tuple(optimizer.param_groups[0]["lr"] for optimizer in optimizers)
-            rows = native.update(
-                self.replay.rows, draws, rates=rates, steps=(self.actor_updates, self.updates)
-            )
-            records.append(rows)
-            self.updates += len(rows)
+            records += native.update(self.replay.rows, draws, rates=rates, updates=self.updates)
+            self.updates += len(draws.indices)
             self.actor_updates = self.updates // self.policy_delay
-            for optimizer, steps in zip(optimizers, (self.actor_updates, self.updates), strict=True):
-                for moments in optimizer.state.values():
-                    moments["step"].fill_(steps)
-        loss, average_q, maximum_q, actor_loss, saturated = np.concatenate(records).T
-        stepped = ~np.isnan(actor_loss)
-        no_actor_step = not stepped.any()
+        actor_steps = [record for record in records if not isnan(record.actor_loss)]
         return UpdateMetrics(
-            critic_loss=float(loss.mean()),
-            average_q=float(average_q.mean()),
-            maximum_q=float(maximum_q.max()),
-            actor_updates=int(stepped.sum()),
-            actor_loss=nan if no_actor_step else float(actor_loss[stepped].mean()),
-            saturated_share=nan if no_actor_step else float(saturated[stepped].mean()),
+            critic_loss=_mean([record.critic_loss for record in records]),
+            average_q=_mean([record.average_q for record in records]),
+            maximum_q=max(record.maximum_q for record in records),
+            actor_updates=len(actor_steps),
+            actor_loss=_mean([record.actor_loss for record in actor_steps]),
+            saturated_share=_mean([record.saturated_share for record in actor_steps]),
         )
 
     def _target(self, noise: Tensor) -> Tensor:
@@ -451,3 +443,8 @@ def _metrics(
         actor_loss=nan if no_actor_step else float(torch.stack(actor_losses).mean()),
         saturated_share=nan if no_actor_step else float((torch.stack(outputs).abs() > SATURATED).double().mean()),
     )
+
+
+def _mean(numbers: list[float]) -> float:
+    """Their mean, NaN of none."""
+    return sum(numbers) / len(numbers) if numbers else nan

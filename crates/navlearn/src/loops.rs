@@ -143,6 +143,14 @@ pub fn adam_and_follow<T: Real>(
 
 #[inline(always)]
 pub fn all_finite<T: Real>(numbers: &[T]) -> bool {
-    // 0 times a number is NaN where it is NaN or infinite.
-    sum_of(numbers, numbers, |x, _| x * T::ZERO) == T::ZERO
+    // 0 times a number is NaN where it is NaN or infinite. Several sums at once, for each waits for its last addition.
+    let mut lanes = [T::ZERO; 4 * LANES];
+    let (wholes, rest) = numbers.as_chunks::<{ 4 * LANES }>();
+    for whole in wholes {
+        for (lane, &x) in lanes.iter_mut().zip(whole) {
+            *lane += x * T::ZERO;
+        }
+    }
+    let sum = lanes.iter().fold(T::ZERO, |sum, &lane| sum + lane);
+    rest.iter().fold(sum, |sum, &x| sum + x * T::ZERO) == T::ZERO
 }

@@ -31,6 +31,8 @@ pub struct Trained<'a, T> {
 pub struct Draws<'a> {
     /// (rows, width) replay.
     pub replay: &'a [f32],
+    /// Columns of replay.
+    pub width: usize,
     /// (updates, batch) places in replay.
     pub indices: &'a [i64],
     /// (updates, batch) which rows are mirrored.
@@ -250,6 +252,7 @@ impl<T: Real> Learner<T> {
                 }
             }
         }
+        expect_size("columns of replay", draws.width, width)?;
         expect("indices", count, count.is_multiple_of(batch), || format!("a multiple of {batch}"))?;
         expect_size("mirrored", draws.mirrored.len(), count)?;
         expect_size("noise", draws.noise.len(), ACTIONS * count)?;
