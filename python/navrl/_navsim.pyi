@@ -122,8 +122,8 @@ class Learner:
 
         Raises:
             ArithmeticError: NaN or infinity.
-            TypeError: An array of another type.
-            ValueError: Another size, not contiguous, or vectors that overlap.
+            TypeError: An array of another type, or not contiguous.
+            ValueError: Another size, or vectors that overlap.
         """
 
 @final

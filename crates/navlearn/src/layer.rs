@@ -40,14 +40,14 @@ impl Layer {
     }
 
     /// W x (outputs, batch) for `inputs` x (inputs, batch).
-    pub fn product<T: Real>(self, parameters: &[T], inputs: &[T], outputs: &mut [T], batch: usize) {
+    pub fn product<T: Real>(self, isa: Isa, parameters: &[T], inputs: &[T], outputs: &mut [T], batch: usize) {
         let weight = Matrix::by_rows(&parameters[self.weights()], self.inputs);
-        multiply(weight, Matrix::by_rows(inputs, batch), outputs);
+        multiply(isa, weight, Matrix::by_rows(inputs, batch), outputs);
     }
 
     /// relu(W x + b).
     pub fn forward<T: Real>(self, isa: Isa, parameters: &[T], inputs: &[T], outputs: &mut [T], batch: usize) {
-        self.product(parameters, inputs, outputs, batch);
+        self.product(isa, parameters, inputs, outputs, batch);
         bias_relu(isa, outputs, &parameters[self.biases()], batch);
     }
 
@@ -57,14 +57,14 @@ impl Layer {
     }
 
     /// Sets the gradient of W from dL/d(W x + b).
-    pub fn weight_gradient<T: Real>(self, upper: &[T], inputs: &[T], gradient: &mut [T], batch: usize) {
+    pub fn weight_gradient<T: Real>(self, isa: Isa, upper: &[T], inputs: &[T], gradient: &mut [T], batch: usize) {
         let inputs = Matrix::by_rows(inputs, batch).transposed();
-        multiply(Matrix::by_rows(upper, batch), inputs, &mut gradient[self.weights()]);
+        multiply(isa, Matrix::by_rows(upper, batch), inputs, &mut gradient[self.weights()]);
     }
 
     /// dL/dx (inputs, batch) from dL/d(W x + b).
-    pub fn input_gradient<T: Real>(self, parameters: &[T], upper: &[T], lower: &mut [T], batch: usize) {
+    pub fn input_gradient<T: Real>(self, isa: Isa, parameters: &[T], upper: &[T], lower: &mut [T], batch: usize) {
         let weight = Matrix::by_rows(&parameters[self.weights()], self.inputs).transposed();
-        multiply(weight, Matrix::by_rows(upper, batch), lower);
+        multiply(isa, weight, Matrix::by_rows(upper, batch), lower);
     }
 }

@@ -16,9 +16,8 @@
 //! (outputs, inputs), and so it computes Y = relu(W X + b).
 //!
 //! Determinism: the same inputs give the same bits on the same processor, however updates are grouped into calls and
-//! whether or not the caller flushes denormal numbers to zero. The products use the best instructions of the processor
-//! (with fused multiply-add where there is one), so another model may round otherwise; the other loops give the same
-//! bits everywhere.
+//! whether or not the caller flushes denormal numbers to zero; with AVX2 and with AVX-512 they are the same. Where there
+//! is neither, products round otherwise.
 
 #![deny(unsafe_code)]
 

@@ -143,14 +143,6 @@ pub fn adam_and_follow<T: Real>(
 
 #[inline(always)]
 pub fn all_finite<T: Real>(numbers: &[T]) -> bool {
-    // 0 times a number is NaN where it is NaN or infinite. Several sums at once, for each waits for its last addition.
-    let mut lanes = [T::ZERO; 4 * LANES];
-    let (wholes, rest) = numbers.as_chunks::<{ 4 * LANES }>();
-    for whole in wholes {
-        for (lane, &x) in lanes.iter_mut().zip(whole) {
-            *lane += x * T::ZERO;
-        }
-    }
-    let sum = lanes.iter().fold(T::ZERO, |sum, &lane| sum + lane);
-    rest.iter().fold(sum, |sum, &x| sum + x * T::ZERO) == T::ZERO
+    // Whole blocks at a time, for an exit from within would keep them from being vectors.
+    numbers.chunks(4 * LANES).all(|block| block.iter().fold(true, |all, x| all & x.finite()))
 }

@@ -55,9 +55,9 @@ impl<T: Real> Actor<T> {
             let (below, upper) = self.uppers.split_at_mut(i);
             layer.through_relu(self.isa, &mut upper[0], &self.values[i], gradient, self.batch);
             let inputs = if i == 0 { observations } else { &self.values[i - 1] };
-            layer.weight_gradient(&upper[0], inputs, gradient, self.batch);
+            layer.weight_gradient(self.isa, &upper[0], inputs, gradient, self.batch);
             if let Some(lower) = below.last_mut() {
-                layer.input_gradient(parameters, &upper[0], lower, self.batch);
+                layer.input_gradient(self.isa, parameters, &upper[0], lower, self.batch);
             }
         }
     }
@@ -140,7 +140,7 @@ impl<T: Real> Critics<T> {
                 let values = part_mut(&mut above[0], critic, layer.outputs * batch);
                 if i == 1 {
                     // Eq. 7: l_c = relu(l_s W_s + a W_a + b)
-                    layer.product(parameters, inputs, values, batch);
+                    layer.product(isa, parameters, inputs, values, batch);
                     let weight = &parameters[action_weights.clone()];
                     combined_relu(isa, values, &parameters[layer.biases()], weight, actions, batch);
                 } else {
@@ -167,7 +167,7 @@ impl<T: Real> Critics<T> {
                 let upper = part(&self.uppers[i], critic, layer.outputs * batch);
                 if i > 1 || !self.frozen_combined {
                     let inputs = part(&self.values[i - 1], critic, layer.inputs * batch);
-                    layer.weight_gradient(upper, inputs, gradient, batch);
+                    layer.weight_gradient(isa, upper, inputs, gradient, batch);
                     if i == 1 {
                         narrow_weights(isa, actions, upper, &mut gradient[self.action_weights(critic)], batch);
                     }
@@ -178,11 +178,17 @@ impl<T: Real> Critics<T> {
             let combined = self.layers[1].of_critic(critic);
             let (below, above) = self.uppers.split_at_mut(1);
             let upper = part(&above[0], critic, combined.outputs * batch);
-            combined.input_gradient(parameters, upper, part_mut(&mut below[0], critic, combined.inputs * batch), batch);
+            combined.input_gradient(
+                isa,
+                parameters,
+                upper,
+                part_mut(&mut below[0], critic, combined.inputs * batch),
+                batch,
+            );
         }
         let first = self.layers[0].of_critics(count);
         first.through_relu(isa, &mut self.uppers[0], &self.values[0], gradient, batch);
-        first.weight_gradient(&self.uppers[0], observations, gradient, batch);
+        first.weight_gradient(isa, &self.uppers[0], observations, gradient, batch);
     }
 
     /// Sets dL/d(W x + b) of hidden layer `i` and the gradient of its b from the layer above, or the output's `upper`.
@@ -192,7 +198,9 @@ impl<T: Real> Critics<T> {
         let (own, further) = self.uppers.split_at_mut(i + 1);
         let own = part_mut(&mut own[i], critic, layer.outputs * batch);
         match further.first() {
-            Some(upper) => above.input_gradient(parameters, part(upper, critic, above.outputs * batch), own, batch),
+            Some(upper) => {
+                above.input_gradient(isa, parameters, part(upper, critic, above.outputs * batch), own, batch)
+            }
             None => narrow_inputs(isa, &parameters[above.weights()], upper, own, batch),
         }
         layer.through_relu(isa, own, part(&self.values[i], critic, layer.outputs * batch), gradient, batch);
@@ -205,5 +213,107 @@ impl<T: Real> Critics<T> {
         }
         let combined = part(&self.uppers[1], 0, self.layers[1].outputs * self.batch);
         narrow(self.isa, &parameters[self.action_weights(0)], None, combined, actions, self.batch);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const INPUTS: usize = 5;
+    const BATCH: usize = 3;
+    const STEP: f64 = 1e-6;
+
+    fn numbers(count: usize, seed: f64) -> Vec<f64> {
+        (0..count).map(|i| (seed + 2.3 * i as f64).sin()).collect()
+    }
+
+    /// Layers one after the other for `count` critics, from place `first` on; and the place after them.
+    fn layers(sizes: &[usize], count: usize, first: usize) -> (Vec<Layer>, usize) {
+        let mut end = first;
+        let mut place = |size: usize| {
+            end += count * size;
+            end - count * size
+        };
+        let layer = |pair: &[usize]| {
+            let (inputs, outputs) = (pair[0], pair[1]);
+            Layer { inputs, outputs, weight: place(inputs * outputs), bias: place(outputs) }
+        };
+        (sizes.windows(2).map(layer).collect(), end)
+    }
+
+    /// Compares a gradient with differences of the loss, entry by entry.
+    fn compare(parameters: &[f64], gradient: &[f64], mut loss: impl FnMut(&[f64]) -> f64) {
+        for place in 0..parameters.len() {
+            let mut moved = parameters.to_vec();
+            moved[place] += STEP;
+            let above = loss(&moved);
+            moved[place] -= 2.0 * STEP;
+            let slope = (above - loss(&moved)) / (2.0 * STEP);
+            assert!((slope - gradient[place]).abs() < 1e-7, "entry {place}: {slope} {}", gradient[place]);
+        }
+    }
+
+    fn weighted(outputs: &[f64], upper: &[f64]) -> f64 {
+        outputs.iter().zip(upper).map(|(y, u)| y * u).sum()
+    }
+
+    #[test]
+    fn actor_gradients_are_slopes() {
+        for sizes in [vec![INPUTS, 4, 2], vec![INPUTS, 7, 6, 2], vec![INPUTS, 4, 9, 3, 2]] {
+            let (layers, size) = layers(&sizes, 1, 0);
+            let (parameters, observations) = (numbers(size, 0.1), numbers(INPUTS * BATCH, 0.2));
+            let upper = numbers(2 * BATCH, 0.3);
+            let mut actor = Actor::new(&layers, BATCH, Isa::detect());
+            let mut gradient = vec![f64::NAN; size];
+            actor.forward(&parameters, &observations);
+            actor.backward(&parameters, &observations, &upper, &mut gradient);
+            compare(&parameters, &gradient, |moved| {
+                actor.forward(moved, &observations);
+                weighted(&actor.outputs, &upper)
+            });
+        }
+    }
+
+    #[test]
+    fn critic_gradients_are_slopes() {
+        for sizes in [vec![INPUTS, 6, 4, 1], vec![INPUTS, 4, 7, 5, 1], vec![INPUTS, 3, 4, 5, 6, 1]] {
+            for count in [1, 2] {
+                let action_size = count * ACTIONS * sizes[2];
+                let (layers, size) = layers(&sizes, count, action_size);
+                let (parameters, observations) = (numbers(size, 0.4), numbers(INPUTS * BATCH, 0.5));
+                let (actions, upper) = (numbers(ACTIONS * BATCH, 0.6), numbers(count * BATCH, 0.7));
+                let mut critics = Critics::new(layers, 0, false, count, BATCH, Isa::detect());
+                let mut gradient = vec![f64::NAN; size];
+                critics.forward(&parameters, &observations, &actions, count);
+                critics.backward(&parameters, &observations, &actions, &upper, &mut gradient);
+                compare(&parameters, &gradient, |moved| {
+                    critics.forward(moved, &observations, &actions, count);
+                    weighted(&critics.outputs, &upper)
+                });
+                critics.forward(&parameters, &observations, &actions, 1);
+                let mut slopes = vec![0.0; ACTIONS * BATCH];
+                critics.action_gradient(&parameters, &upper[..BATCH], &mut gradient, &mut slopes);
+                compare(&actions, &slopes, |moved| {
+                    critics.forward(&parameters, &observations, moved, 1);
+                    weighted(&critics.outputs[..BATCH], &upper[..BATCH])
+                });
+            }
+        }
+    }
+
+    #[test]
+    fn a_frozen_combined_layer_has_no_gradient() {
+        let (layers, size) = layers(&[INPUTS, 4, 6, 1], 2, 2 * ACTIONS * 6);
+        let mut critics = Critics::new(layers.clone(), 0, true, 2, BATCH, Isa::detect());
+        let (observations, actions, parameters) =
+            (numbers(INPUTS * BATCH, 0.5), numbers(ACTIONS * BATCH, 0.6), numbers(size, 0.4));
+        let mut gradient = vec![0.0; size];
+        critics.forward(&parameters, &observations, &actions, 2);
+        critics.backward(&parameters, &observations, &actions, &numbers(2 * BATCH, 0.7), &mut gradient);
+        let combined = layers[1].of_critics(2);
+        let frozen = [0..2 * ACTIONS * 6, combined.weights(), combined.biases()];
+        assert!(frozen.into_iter().all(|range| gradient[range].iter().all(|&g| g == 0.0)));
+        assert!(gradient[layers[0].of_critics(2).weights()].iter().any(|&g| g != 0.0));
     }
 }

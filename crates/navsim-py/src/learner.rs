@@ -5,7 +5,9 @@ use navlearn::adam::Moments;
 use navlearn::batch::Mirror;
 use navlearn::layer::Layer;
 use navlearn::{Draws, Error, Real, Record, Settings, Trained};
-use numpy::{Element, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1, PyUntypedArrayMethods};
+use numpy::{
+    Element, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1, PyUntypedArrayMethods,
+};
 use pyo3::exceptions::{PyArithmeticError, PyValueError};
 use pyo3::prelude::*;
 
@@ -43,8 +45,7 @@ fn stopped(error: Error) -> PyErr {
 
 /// Refuses vectors of which two share memory, which numpy's borrows do not see where their owners differ.
 fn refuse_overlap<T: Element>(arrays: &[&Bound<'_, PyArray1<T>>]) -> PyResult<()> {
-    let mut ranges: Vec<_> =
-        arrays.iter().map(|a| (a.data() as usize, a.len() * size_of::<T>())).collect();
+    let mut ranges: Vec<_> = arrays.iter().map(|a| (a.data() as usize, a.len() * size_of::<T>())).collect();
     ranges.sort_unstable();
     if ranges.windows(2).any(|pair| pair[0].0 + pair[0].1 > pair[1].0) {
         return Err(PyValueError::new_err(
