@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 import torch
@@ -23,6 +23,7 @@ from navrl import _navsim
 from navrl.config import Config, LearnerConfig
 from navrl.networks import Actor, TwinCritic
 from navrl.replay import NonFiniteError
+from navrl.update_metrics import Record
 
 WORK_PER_CALL = 1_000_000_000
 """Most multiplications of a call, unless one update needs more: some hundredths of a second."""
@@ -50,25 +51,22 @@ class Draws:
 
 @dataclass(frozen=True)
 class Trained:
-    """A network and what an update of it changes: packed vectors (`navrl.gradients.pack`) of one layout."""
+    """A network and what an update of it changes: packed vectors (`navrl.gradients.pack`)."""
 
-    network: Actor | TwinCritic
-    """Its parameters lie in the first vector."""
-    vectors: tuple[Tensor, Tensor, Tensor, Tensor]
-    """Parameters, the target's parameters, and Adam's first and second moments."""
-    step: Tensor
-    """() Adam's count of steps."""
+    network: nn.Module
+    """Its parameters are views of `online`."""
+    online: Tensor
+    """(size,) the parameters."""
+    target: Tensor
+    """(size,) the target's parameters."""
+    adam: dict[str, Tensor]
+    """Adam's step, exp_avg and exp_avg_sq."""
 
-
-class Record(NamedTuple):
-    """What one update tells; see `navrl.td3.UpdateMetrics`."""
-
-    critic_loss: float
-    average_q: float
-    maximum_q: float
-    actor_loss: float
-    """NaN without an actor step, as the next."""
-    saturated_share: float
+    @property
+    def vectors(self) -> list[NDArray[np.floating]]:
+        """Parameters, target and moments, in torch's memory."""
+        tensors = (self.online, self.target, self.adam["exp_avg"], self.adam["exp_avg_sq"])
+        return [tensor.numpy() for tensor in tensors]
 
 
 class NativeUpdates:
@@ -96,11 +94,8 @@ class NativeUpdates:
         """
         assert isinstance(actor.network, Actor)
         assert isinstance(critic.network, TwinCritic)
-        self._vectors = {
-            "actor": [vector.detach().numpy() for vector in actor.vectors],
-            "critic": [vector.detach().numpy() for vector in critic.vectors],
-        }
-        self._steps = [trained.step.numpy() for trained in (actor, critic)]
+        self._vectors = {"actor": actor.vectors, "critic": critic.vectors}
+        self._steps = [trained.adam["step"].numpy() for trained in (actor, critic)]
         self._policy_delay = policy_delay
         sizes = [len(vectors[0]) for vectors in self._vectors.values()]
         self.updates_per_call = max(1, WORK_PER_CALL // (4 * config.batch_size * sum(sizes)))
@@ -108,10 +103,10 @@ class NativeUpdates:
         linears = [*actor.network.hidden, actor.network.output]
         critic_layers = zip(critic.network.weights, critic.network.biases, strict=True)
         self._kernel = _navsim.Learner(
-            double=actor.vectors[0].dtype == torch.float64,
+            double=actor.online.dtype == torch.float64,
             actor=[_place(linear.weight, linear.bias) for linear in linears],
             critic=[_place(weight, bias) for weight, bias in critic_layers],
-            action_weight=critic.network.action_weight.storage_offset(),
+            action_weight=int(critic.network.action_weight.storage_offset()),
             critics=len(critic.network.action_weight),
             batch=config.batch_size,
             sizes=sizes,

@@ -22,7 +22,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import isnan, nan
 
 import numpy as np
 import torch
@@ -31,13 +30,13 @@ from torch import Tensor, nn
 
 from navrl.config import Config, NetworksConfig
 from navrl.gradients import ActorPass, CriticPass, pack, unpack
-from navrl.native import Draws, NativeUpdates, Record, Trained, kernel_of
+from navrl.native import Draws, NativeUpdates, Trained, kernel_of
 from navrl.networks import ACTIONS, Actor, TwinCritic, encoded_size, mirror_actions, mirror_encoded
 from navrl.replay import Arrays, NonFiniteError, Replay, row_width
 from navrl.streams import restore_stream, stream, stream_state
+from navrl.update_metrics import Record, UpdateMetrics, native_metrics, torch_metrics
 
-SATURATED = 2.6466524
-"""|input of the actor's tanh| beyond which an output counts as saturated: |output| > 0.99, gradient under 0.02."""
+__all__ = ["BLOCK", "TD3", "UpdateMetrics", "flushed_denormals", "target_bounds"]
 
 BLOCK = 64
 """Most updates whose rows are gathered together; bounds the memory of a call."""
@@ -69,24 +68,6 @@ class Batch:
     """(batch_size, width) float32 of replay, half of them mirrored where that is on."""
     target_noise: Tensor
     """(batch_size, 2) float32: clip(N(0, policy_noise), +-noise_clip)."""
-
-
-@dataclass(frozen=True)
-class UpdateMetrics:
-    """Means over the updates of one call, or over its actor steps."""
-
-    critic_loss: float
-    """Mean squared error of the critics' values, summed over the critics."""
-    average_q: float
-    """Mean value of the sampled actions over batch and critics, scaled as rewards are."""
-    maximum_q: float
-    """Largest such value."""
-    actor_updates: int
-    """Actor steps among the updates."""
-    actor_loss: float
-    """Minus the first critic's mean value of the actor's actions, plus the penalty; NaN without an actor step."""
-    saturated_share: float
-    """Share of the actor's outputs beyond 0.99 in size; NaN without an actor step."""
 
 
 class TD3:
@@ -149,11 +130,16 @@ class TD3:
 
     def _native_updates(self) -> NativeUpdates:
         """The native kernel, to work in the memory of the networks and optimisers."""
-        networks, optimizers = (self.actor, self.critic), (self.actor_optimizer, self.critic_optimizer)
-        moments = [next(iter(optimizer.state.values())) for optimizer in optimizers]
+        parts = zip(
+            (self.actor, self.critic),
+            self._online,
+            self._targets,
+            (self.actor_optimizer, self.critic_optimizer),
+            strict=True,
+        )
         actor, critic = (
-            Trained(network, (online, target, moment["exp_avg"], moment["exp_avg_sq"]), moment["step"])
-            for network, online, target, moment in zip(networks, self._online, self._targets, moments, strict=True)
+            Trained(network, online, target, next(iter(optimizer.state.values())))
+            for network, online, target, optimizer in parts
         )
         return NativeUpdates(
             self.config,
@@ -197,8 +183,9 @@ class TD3:
 
         Raises:
             ValueError: If replay is empty.
-            NonFiniteError: If a loss or a parameter is NaN or infinite after the call. The networks are of no more use
-                then; what was saved before the call is sound, for every call before this one ended finite.
+            NonFiniteError: If a loss or a parameter is NaN or infinite after the call, or with the native kernel before
+                it. The networks are of no more use then; what was saved before the call is sound, for every call
+                before this one ended finite.
         """
         if self.replay.size == 0:
             raise ValueError("no rows in replay to learn from")
@@ -219,7 +206,7 @@ class TD3:
                 # Eq. 10: theta' <- tau theta + (1 - tau) theta'
                 torch._foreach_lerp_(self._targets, self._online, self.config.tau)
         self._refuse_non_finite(errors)
-        return _metrics(values, errors, actor_losses, outputs)
+        return torch_metrics(values, errors, actor_losses, outputs)
 
     def _update_natively(self, native: NativeUpdates, count: int) -> UpdateMetrics:
         """Makes `count` updates as `update` does, on the native kernel."""
@@ -229,15 +216,7 @@ class TD3:
             records += native.update(self.replay.rows, draws, rates=rates, updates=self.updates)
             self.updates += len(draws.indices)
             self.actor_updates = self.updates // self.policy_delay
-        actor_steps = [record for record in records if not isnan(record.actor_loss)]
-        return UpdateMetrics(
-            critic_loss=_mean([record.critic_loss for record in records]),
-            average_q=_mean([record.average_q for record in records]),
-            maximum_q=max(record.maximum_q for record in records),
-            actor_updates=len(actor_steps),
-            actor_loss=_mean([record.actor_loss for record in actor_steps]),
-            saturated_share=_mean([record.saturated_share for record in actor_steps]),
-        )
+        return native_metrics(records)
 
     def _target(self, noise: Tensor) -> Tensor:
         """The targets (B,) of the batch; `noise` (B, 2) is clip(N(0, sigma), +-c)."""
@@ -428,23 +407,3 @@ def _adam(vector: nn.Parameter, lr: float) -> torch.optim.Adam:
         "exp_avg_sq": torch.zeros_like(vector),
     }
     return optimizer
-
-
-def _metrics(
-    values: list[Tensor], errors: list[Tensor], actor_losses: list[Tensor], outputs: list[Tensor]
-) -> UpdateMetrics:
-    """Metrics of one call: per update the critics' values and errors (num_critics, B), per actor step the rest."""
-    all_values, no_actor_step = torch.stack(values), not actor_losses
-    return UpdateMetrics(
-        critic_loss=float(torch.stack(errors).square().mean(2).sum(1).mean()),
-        average_q=float(all_values.mean()),
-        maximum_q=float(all_values.max()),
-        actor_updates=len(actor_losses),
-        actor_loss=nan if no_actor_step else float(torch.stack(actor_losses).mean()),
-        saturated_share=nan if no_actor_step else float((torch.stack(outputs).abs() > SATURATED).double().mean()),
-    )
-
-
-def _mean(numbers: list[float]) -> float:
-    """Their mean, NaN of none."""
-    return sum(numbers) / len(numbers) if numbers else nan

@@ -162,7 +162,7 @@ impl<T: Real> Critics<T> {
             let inputs = part(&self.values[self.layers.len() - 2], critic, output.inputs * batch);
             backward_output(isa, output, upper, inputs, gradient, batch);
             for i in (1..self.layers.len() - 1).rev() {
-                self.into_layer(i, critic, parameters, upper, gradient);
+                self.reach_layer(i, critic, parameters, upper, gradient);
                 let layer = self.layers[i].of_critic(critic);
                 let upper = part(&self.uppers[i], critic, layer.outputs * batch);
                 if i > 1 || !self.frozen_combined {
@@ -192,7 +192,7 @@ impl<T: Real> Critics<T> {
     }
 
     /// Sets dL/d(W x + b) of hidden layer `i` and the gradient of its b from the layer above, or the output's `upper`.
-    fn into_layer(&mut self, i: usize, critic: usize, parameters: &[T], upper: &[T], gradient: &mut [T]) {
+    fn reach_layer(&mut self, i: usize, critic: usize, parameters: &[T], upper: &[T], gradient: &mut [T]) {
         let (isa, batch) = (self.isa, self.batch);
         let (layer, above) = (self.layers[i].of_critic(critic), self.layers[i + 1].of_critic(critic));
         let (own, further) = self.uppers.split_at_mut(i + 1);
@@ -209,7 +209,7 @@ impl<T: Real> Critics<T> {
     /// dL/da (2, batch) from `upper` (batch), dL/dQ of the first critic. Of `gradient` some biases are overwritten.
     pub fn action_gradient(&mut self, parameters: &[T], upper: &[T], gradient: &mut [T], actions: &mut [T]) {
         for i in (1..self.layers.len() - 1).rev() {
-            self.into_layer(i, 0, parameters, upper, gradient);
+            self.reach_layer(i, 0, parameters, upper, gradient);
         }
         let combined = part(&self.uppers[1], 0, self.layers[1].outputs * self.batch);
         narrow(self.isa, &parameters[self.action_weights(0)], None, combined, actions, self.batch);
