@@ -97,21 +97,54 @@ def test_bad_actions_are_refused_and_change_nothing(bad: object, error: type[Exc
     assert sim.state() == before
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
-@given(
-    hnp.arrays(
-        dtype=st.sampled_from([np.float32, np.float64, np.int32, np.float16, np.bool_]),
-        shape=hnp.array_shapes(min_dims=0, max_dims=3, max_side=4),
-    )
-)
-def test_any_array_steps_or_is_refused(array: np.ndarray) -> None:
-    sim = BatchSim(num_envs=3)
-    good = array.dtype == np.float32 and array.shape == (3, 2) and np.isfinite(array).all()
-    if good:
+ANY_NUMBER = st.floats(width=32) | st.sampled_from([0.0, -0.0, 1e-40, -1.0, 1.0, 3e38])
+
+
+@st.composite
+def any_actions(draw: st.DrawFn) -> np.ndarray:
+    """Arrays that are, or nearly are, the actions of three robots: any layout, flags and numbers."""
+    dtype = draw(st.sampled_from(["<f4", "<f4", "<f4", ">f4", "f8", "f2", "i4", "?", "O", "S4", "c8"]))
+    shape = draw(st.sampled_from([(3, 2), (3, 2), (3, 2), (2, 3), (6,), (), (3, 2, 1), (0, 2), (4, 2)]))
+    wide = np.zeros([2 * side + 1 for side in shape], dtype)
+    if dtype[1:] == "f4":
+        wide = draw(hnp.arrays(np.dtype(dtype), wide.shape, elements=ANY_NUMBER))
+    steps = [draw(st.sampled_from([1, 2, -1, -2])) for _ in shape]
+    ends = [(slice(None, None, step), slice(side)) for step, side in zip(steps, shape, strict=True)]
+    # The dots keep an array of no dimensions an array.
+    array = wide[(..., *(step for step, _ in ends))][(..., *(side for _, side in ends))]
+    if draw(st.booleans()):
+        array = np.asarray(array, order=draw(st.sampled_from(["C", "F"])))
+    if array.ndim and draw(st.integers(0, 9)) == 0:
+        array = np.broadcast_to(array[:1], array.shape)
+    array.flags.writeable = draw(st.booleans()) and array.flags.writeable
+    return array
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(any_actions())
+def test_any_array_steps_as_its_copy_or_is_refused_and_changes_nothing(array: np.ndarray) -> None:
+    sim, twin = BatchSim(num_envs=3), BatchSim(num_envs=3)
+    before = sim.state()
+    if array.dtype == np.float32 and array.dtype.isnative and array.shape == (3, 2) and np.isfinite(array).all():
         sim.step(array)
+        twin.step(np.ascontiguousarray(array))
+        assert sim.state() == twin.state() != before
     else:
-        with pytest.raises((TypeError, ValueError), match="actions"):
+        with pytest.raises((TypeError, ValueError), match="actions: expected"):
             sim.step(array)
+        assert sim.state() == before
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(
+    st.sampled_from(["num_envs", "seed", "num_threads"]),
+    st.integers(max_value=-1) | st.integers(min_value=2**64) | st.sampled_from([np.int8(-3), True, 1.0, "3", None]),
+)
+def test_numbers_that_cannot_be_are_refused_in_one_line(name: str, value: object) -> None:
+    error = ValueError if isinstance(value, int | np.integer) and value is not True else TypeError
+    with pytest.raises(error, match=f"^{name}.*: expected .+$") as raised:
+        BatchSim(**({"num_envs": 1} | {name: value}))  # type: ignore[arg-type]
+    assert "\n" not in str(raised.value)
 
 
 def test_strided_read_only_and_overlapping_actions_give_the_same_result() -> None:
@@ -129,6 +162,18 @@ def test_strided_read_only_and_overlapping_actions_give_the_same_result() -> Non
     overlapping = BatchSim(num_envs=3)
     overlapping.step(overlapping.observations[:, 21:23])
     np.testing.assert_array_equal(overlapping.observations, expected.observations)
+
+
+def test_actions_that_overlap_each_other_or_a_result_count_as_they_were_before_the_step() -> None:
+    sim, twin = BatchSim(num_envs=3), BatchSim(num_envs=3)
+    overlapping = np.lib.stride_tricks.as_strided(np.array([0.5, -0.25, 0.75, 1.0], np.float32), (3, 2), (4, 4))
+    sim.step(overlapping)
+    twin.step(np.array([[0.5, -0.25], [-0.25, 0.75], [0.75, 1.0]], np.float32))
+    assert sim.state() == twin.state()
+    result = sim.final_observations[:, 22:24]
+    twin.step(result.copy())
+    sim.step(result)
+    assert sim.state() == twin.state()
 
 
 def test_masks_are_checked() -> None:
@@ -242,33 +287,43 @@ def test_a_fork_is_an_error_and_no_hang() -> None:
     assert subprocess.run([sys.executable, "-c", FORK], timeout=60, check=False).returncode == 0
 
 
-@pytest.mark.parametrize("isa", ["baseline", "avx2", "avx512"])
-def test_every_instruction_set_gives_the_same_bits(isa: str) -> None:
-    code = (
-        "import hashlib, numpy as np\n"
-        "from navrl import _navsim\n"
-        "from navrl.batch import BatchSim\n"
-        "sim = BatchSim(num_envs=16, seed=3)\n"
-        "digest = hashlib.sha256()\n"
-        "for step in range(300):\n"
-        "    sim.step(np.random.default_rng(step).uniform(-1, 1, (16, 2)).astype(np.float32))\n"
-        "    digest.update(sim.final_observations.tobytes() + sim.ranges.tobytes() + sim.poses.tobytes())\n"
-        "print(_navsim.isa(), digest.hexdigest())\n"
-    )
+DIGEST = """
+import hashlib, sys
+import numpy as np
+from navrl import _navsim
+from navrl.batch import BatchSim
+num_envs, threads, flush = map(int, sys.argv[1:])
+if flush:
+    import torch
+    assert torch.set_flush_denormal(True)
+sim = BatchSim(num_envs=num_envs, seed=3, num_threads=threads)
+digest = hashlib.sha256()
+for step in range(300):
+    actions = np.zeros((num_envs, 2), np.float32)
+    actions[:8] = np.random.default_rng(step).uniform(-1, 1, (8, 2))
+    actions.view(np.uint32)[0, 1] = 71362  # 1e-40: a denormal number
+    sim.step(actions)
+    for result in (sim.final_observations, sim.ranges, sim.poses, sim.velocities, sim.rewards):
+        digest.update(result[:8].tobytes())
+print(_navsim.isa(), digest.hexdigest())
+"""
 
-    def run(forced: str | None) -> list[str]:
-        env = (
-            {**os.environ, "NAVRL_ISA": forced} if forced else {k: v for k, v in os.environ.items() if k != "NAVRL_ISA"}
-        )
-        return subprocess.run(
-            [sys.executable, "-c", code], env=env, capture_output=True, check=True, text=True
-        ).stdout.split()
+
+def test_one_digest_for_every_instruction_set_thread_count_batch_and_floating_point_mode() -> None:
+    def run(num_envs: int, threads: int, flush: int, isa: str | None = None) -> list[str]:
+        env = {key: value for key, value in os.environ.items() if key != "NAVRL_ISA"}
+        command = [sys.executable, "-c", DIGEST, str(num_envs), str(threads), str(flush)]
+        env |= {"NAVRL_ISA": isa} if isa else {}
+        return subprocess.run(command, env=env, capture_output=True, check=True, text=True).stdout.split()
 
     names = ["baseline", "avx2", "avx512"]
-    best, expected = run(None)
-    used, digest = run(isa)
-    assert used == names[min(names.index(isa), names.index(best))]
-    assert digest == expected
+    best, digest = run(8, 1, 0)
+    assert digest == "00bf2b6eaec3f7e69e098967ff09180f38d053cff5e23a1abb7d89ed0c6f9284"
+    for isa in names:
+        used = names[min(names.index(isa), names.index(best))]
+        assert run(8, 1, 0, isa) == [used, digest]
+    for num_envs, threads, flush in ((8, 1, 1), (65, 3, 0), (40, 16, 1)):
+        assert run(num_envs, threads, flush) == [best, digest]
 
 
 def test_an_unknown_instruction_set_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -146,6 +146,18 @@ def test_a_mistake_is_one_line_and_exit_code_2(tmp_path: Path, typed: str, expec
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("eval", ""), "policy: expected a run folder, a policy folder or default, got nothing"),
+        (("eval", "default", "--json", ""), "--json: expects the name of a file"),
+        (("play", "--out", ""), "--out: expects the name of a file"),
+    ],
+)
+def test_an_empty_name_is_no_folder(tmp_path: Path, arguments: tuple[str, ...], expected: str) -> None:
+    assert expected in refused(*arguments, cwd=tmp_path)
+
+
 def test_a_folder_that_is_in_use_is_refused(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "note.txt").write_text("mine")

@@ -185,6 +185,23 @@ def test_a_run_can_be_evaluated_and_begun_from(run: Path, tmp_path: Path) -> Non
     navrl("train", *SMALL, "--init", run, "--out", tmp_path / "next")
 
 
+def test_a_run_is_evaluated_in_its_own_world(tmp_path: Path) -> None:
+    file, run = tmp_path / "court.json", tmp_path / "run"
+    file.write_text(
+        '{"area": [-3, -3, 3, 3], "segments": [[-4, -4, 4, -4], [4, -4, 4, 4], [4, 4, -4, 4], [-4, 4, -4, -4]]}'
+    )
+    navrl("train", *SMALL, "--world", file, "--out", run)
+    file.unlink()
+    own, named = navrl("eval", run, "--episodes", 5), navrl("eval", run, "--episodes", 5, "--world", run / "world.json")
+    other = navrl("eval", run, "--episodes", 5, "--world", "td3")
+    assert own.stdout == named.stdout != other.stdout
+    assert f"evaluating {run} on {run / 'world.json'}" in own.stderr
+    assert (
+        navrl("play", run, "--out", tmp_path / "a.png").stderr
+        == f"navrl: {run} drives scenario 0 of {run / 'world.json'}\n"
+    )
+
+
 def test_a_finished_run_says_so_and_steps_extend_it(run: Path, tmp_path: Path) -> None:
     import shutil
 

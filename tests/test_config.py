@@ -5,7 +5,6 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
+from conftest import Writer
 from navrl import _navsim
 from navrl.config import Config, SimConfig
 from navrl.config.files import PRESETS, ROBOTS, Option, load_config, to_toml
@@ -23,9 +23,6 @@ from navrl.errors import ConfigError
 
 REPOSITORY = Path(__file__).parents[1]
 BUILT_IN = '"td3", "boxes", "open8" or the path of an existing .json file'
-
-
-Writer = Callable[[str | bytes], Path]
 
 
 # What is accepted
@@ -44,6 +41,11 @@ def test_defaults_agree_with_the_design() -> None:
     assert math.isclose(1 / (1 - config.learner.gamma), 215, rel_tol=1e-12)
     assert (config.reward.goal, config.reward.collision, config.reward.progress) == (100.0, -445.0, 35.0)
     assert (config.lidar.beams, config.lidar.bins, config.lidar.fov, config.lidar.range_max) == (180, 20, math.pi, 10.0)
+
+
+def test_the_core_tests_and_benches_use_these_defaults() -> None:
+    text = (REPOSITORY / "crates" / "navsim" / "tests" / "defaults.json").read_text(encoding="utf-8")
+    assert json.loads(text) == json.loads(json.dumps(dataclasses.asdict(SimConfig())))
 
 
 def test_the_paper_preset_is_the_papers() -> None:

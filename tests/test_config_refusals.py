@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from conftest import Writer
 from navrl.config import (
     Config,
     LearnerConfig,
@@ -27,7 +28,6 @@ from navrl.config.ranges import allowed, choices, keys
 from navrl.errors import ConfigError, UserError, shown
 
 BUILT_IN = '"td3", "boxes", "open8" or the path of an existing .json file'
-Writer = Callable[[str | bytes], Path]
 
 
 def refusal(**sources: Any) -> str:  # noqa: ANN401 - what load_config takes

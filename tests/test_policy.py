@@ -249,7 +249,9 @@ def test_the_robot_stops_within_the_goal_radius() -> None:
 def test_another_lidar_is_refused_unless_told_to_rebin() -> None:
     policy = recorder()
     ranges = np.full(360, 5.0)
-    with pytest.raises(ValueError, match=r"scan of 360 beams .* has 180 over 3.142 rad; rebin=True"):
+    with pytest.raises(
+        ValueError, match=r"scan of 360 beams .* has 180 from -1.562 rad in steps of 0.01745 rad; rebin=True"
+    ):
         policy.command(ranges, 0.0, STEP, (3.0, 0.0), (0.0, 0.0))
     with pytest.raises(ValueError, match="rebin=True"):
         policy.command(ranges[:180], -0.4 * math.pi, STEP, (3.0, 0.0), (0.0, 0.0))
@@ -368,6 +370,15 @@ def test_a_description_leads_back_to_the_configuration() -> None:
     sim = description.sim_config()
     assert (sim.lidar, sim.task) == (config.lidar, config.task)
     assert sim.robot == replace(config.robot, radius=RobotConfig().radius)
+
+
+def test_a_description_keeps_the_faults_of_the_lidar(tmp_path: Path) -> None:
+    lidar = LidarConfig(noise_per_meter=0.01, resolution=0.005, drop_probability=0.02)
+    description = PolicyDescription.from_config(Config(lidar=lidar))
+    save_policy(tmp_path, random_policy(description).weights, description)
+    assert load_policy(tmp_path).description.sim_config().lidar == lidar
+    # The policy that ships was described before there were faults.
+    assert load_policy("default").description.sim_config().lidar == LidarConfig()
 
 
 def test_saving_replaces_the_older_policy(tmp_path: Path) -> None:

@@ -252,3 +252,15 @@ def test_a_run_in_a_world_file_keeps_it_and_may_be_moved(tmp_path: Path, monkeyp
     resume(moved)
     assert_same(outcome(moved), outcome(tmp_path / "whole"))
     assert load_config(moved / "config.toml").world.name == str(moved / "world.json")
+
+
+def test_a_run_whose_lidar_loses_beams_continues_bitwise(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = small("fast", lidar__drop_probability="0.3")
+    train(config, tmp_path / "whole", test=False)
+    with monkeypatch.context() as patch:
+        patch.setattr("navrl.running.session.Interruption", Cut)
+        Cut.moves_left = 300
+        with pytest.raises(Interrupted):
+            train(config, tmp_path / "run", test=False)
+    resume(tmp_path / "run")
+    assert_same(outcome(tmp_path / "run"), outcome(tmp_path / "whole"))

@@ -14,6 +14,7 @@ from navrl.scenarios import (
     LIST_SIZES,
     SHIPPED_WORLDS,
     ScenarioError,
+    given_list,
     hash_scenarios,
     load_list,
     measure_lengths,
@@ -245,6 +246,13 @@ def test_a_list_without_scenarios_is_refused(tmp_path: Path) -> None:
         read_list(write_lines(tmp_path / "empty.jsonl"), SimConfig())
     with pytest.raises(ScenarioError, match="no scenario that the robot can run"):
         read_list(write_lines(tmp_path / "bad.jsonl", "{"), SimConfig(), skip_invalid=True)
+
+
+def test_what_is_no_scenario_is_named() -> None:
+    with pytest.raises(ScenarioError, match="scenario 1: expected a Scenario, got 1"):
+        given_list([scenario(), 1], SimConfig())  # type: ignore[list-item]
+    with pytest.raises(ValueError, match=r"expected a sequence of length 3 \(got 2\)\nwhile processing 'start'"):
+        scenario(start=[0, 0])
 
 
 def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:

@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 __all__ = [
     "BatchSim",
     "Learner",
+    "Lookahead",
     "Scenario",
     "check_world",
     "draw_list",
     "isa",
     "needs_detour",
+    "plan",
     "read_list",
     "shortest_path",
 ]
@@ -186,6 +188,24 @@ def shortest_path(scenario: Scenario, radius: float) -> float | None:
 
 def needs_detour(scenario: Scenario, radius: float) -> bool:
     """Whether the segment from start to goal, swept by a disc of that radius, touches an obstacle."""
+
+def plan(
+    scenario: Scenario, planner: str, radius: float, config: str, seed: int, index: int
+) -> tuple[str, NDArray[np.float64], float, float, int, float]:
+    """Status, path (K, 2) m, length (m), clearance (m), expansions and time (s); see navrl.planners.plan."""
+
+class Lookahead:
+    def __new__(cls, paths: Sequence[NDArray[np.float64]], goals: NDArray[np.float64], distance: float) -> Self: ...
+    def update(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Moves the robots at positions (N, 2) on along their paths and returns their intermediate goals (N, 2), m.
+
+        Raises:
+            TypeError: Not a float64 array.
+            ValueError: Another shape, NaN or infinity; nothing has changed then.
+        """
+    @property
+    def progress(self) -> NDArray[np.float64]:
+        """(N,) how far each robot has come along its path, m."""
 
 def check_world(config: str) -> float:
     """Refuses a configuration whose world cannot hold its robot; returns the cut-off share of the world's free area."""

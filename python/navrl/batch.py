@@ -37,8 +37,9 @@ class BatchSim(_navsim.BatchSim):
       3 time-out, of the step just made;
     * ``final_observations (num_envs, bins + 4) float32``: the true successor of the step just made, also when the
       episode goes on;
-    * ``ranges (num_envs, beams) float32`` (m), ``poses (num_envs, 3) float64`` (m, m, rad), ``goals (num_envs, 2)
-      float64`` (m): the situation now;
+    * ``poses (num_envs, 3) float64`` (m, m, rad), ``goals (num_envs, 2) float64`` (m): the situation now;
+    * ``ranges (num_envs, beams) float32`` (m): what the lidar sees now, NaN for a lost beam; written by every call from
+      the first time on that this attribute is read, since most users need the bins only;
     * ``velocities (num_envs, 2) float64`` (m/s, rad/s), ``episode_returns``, ``episode_steps``, ``episode_path`` (m),
       ``episode_clearance`` (m), ``episodes``: of the step just made and the episode that it belongs to. Returns are
       those of the paper's reward, whatever the configuration trains on.
@@ -47,7 +48,7 @@ class BatchSim(_navsim.BatchSim):
         config: World, robot, lidar, task and reward.
         num_envs: Number of robots.
         seed: Names the random streams; different seeds share none.
-        num_threads: Threads of this simulator's own pool.
+        num_threads: Threads of this simulator, of which the calling one is the first.
         autoreset: True: a step that ends an episode begins the next one in the same call, so that ``observations`` is
             its first. False: a finished robot stays as it is, with reward 0, until ``reset``.
         scenarios: Robot k runs scenario k (modulo their number) instead of drawing one at each reset.

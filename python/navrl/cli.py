@@ -1,6 +1,5 @@
 """The command line: what may be typed, which command it calls, and how each ending is reported.
 
-Exit codes: 0 done, 1 internal error, 2 the user's mistake (one line), 3 non-finite values in training, 130 interrupted.
 Results go to stdout, progress and errors to stderr. Nothing heavy is imported before a command needs it.
 """
 
@@ -13,8 +12,7 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from navrl.errors import UserError
-
-DONE, INTERNAL_ERROR, USER_MISTAKE, NOT_FINITE, INTERRUPTED = 0, 1, 2, 3, 130
+from navrl.exit_codes import DONE, INTERRUPTED, USER_MISTAKE
 
 Settings = list[tuple[str, str]]
 """Configuration options as typed: key path and text of the value."""
@@ -67,9 +65,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
     except OSError as error:
-        # A name that is too long, a full disk behind stdout: the system's word, in one line.
-        file = "" if error.filename is None else f"{error.filename}: "
-        print(f"navrl: {file}{error.strerror or error}", file=sys.stderr)
+        # A name that is too long, a full disk behind stdout, which has no name: the system's word, in one line.
+        file = "output" if error.filename is None else error.filename
+        print(f"navrl: {file}: {error.strerror or error}", file=sys.stderr)
         return USER_MISTAKE
 
 
@@ -182,7 +180,7 @@ def _add_sources(parser: argparse.ArgumentParser) -> None:
 
 def _add_scenarios(parser: argparse.ArgumentParser) -> None:
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--world", metavar="W", help="td3 (default), boxes or a world file (.json)")
+    where.add_argument("--world", metavar="W", help="td3, boxes or a file (.json); default: the run's, or td3")
     where.add_argument("--scenarios", metavar="F.jsonl", help="scenarios from a file, one in each line")
     parser.add_argument("--boxes", metavar="K", help="number of boxes of the world boxes")
     parser.add_argument("--list", choices=("validation", "test", "final"), help="built-in list (default test)")

@@ -158,7 +158,8 @@ class Policy:
         if not (rebin or matches(layout, beams, angle_min, angle_increment)):
             raise ValueError(
                 f"scan of {beams} beams from {angle_min:.4g} rad in steps of {angle_increment:.4g} rad: this policy's"
-                f" lidar has {own.beams} over {own.fov:.4g} rad; rebin=True pools another lidar's beams by angle"
+                f" lidar has {own.beams} from {layout.first_angle:.4g} rad in steps of {layout.step:.4g} rad;"
+                " rebin=True pools another lidar's beams by angle"
             )
         distance = math.hypot(*goal)
         if pooled is None or distance < own.goal_radius:
@@ -242,6 +243,8 @@ def load_policy(path: str | Path) -> Policy:
 
 
 def _find_folder(path: str | Path) -> Path:
+    if not str(path):
+        raise PolicyError("policy: expected a run folder, a policy folder or default, got nothing")
     if path == "default":
         folder = Path(str(resources.files("navrl"))) / "default_policy"
         if not (folder / DESCRIPTION_FILE).is_file():

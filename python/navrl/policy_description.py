@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 SCHEMA = 1
 """Version of policy.json."""
 ROBOT_KEYS = ("v_max", "omega_max", "acceleration_max", "angular_acceleration_max")
-LIDAR_KEYS = ("beams", "bins", "fov", "range_min", "range_max", "noise")
+LIDAR_FAULTS = ("noise_per_meter", "resolution", "drop_probability")
+"""Keys that policies of a lidar without these faults may lack."""
+LIDAR_KEYS = ("beams", "bins", "fov", "range_min", "range_max", "noise", *LIDAR_FAULTS)
 TASK_KEYS = ("goal_radius", "collision", "sensor_range")
 SIZES = {"disc": ("radius",), "rectangle": ("length", "width")}
 """Keys of a footprint by its kind."""
@@ -75,6 +77,12 @@ class PolicyDescription:
     """{"kind": "disc", "radius"} or {"kind": "rectangle", "length", "width"}, metres."""
     scores: dict[str, Any] | None
     """Scores on the list that the policy reports, with the key "world"; None before they are known."""
+    noise_per_meter: float = 0.0
+    """Standard deviation of the lidar's noise that grows with the range, metres per metre."""
+    resolution: float = 0.0
+    """The lidar's hits are multiples of this, metres; 0 means no rounding."""
+    drop_probability: float = 0.0
+    """Probability that a beam of the lidar is lost."""
 
     def __post_init__(self) -> None:
         """Refuses what no robot can have.
@@ -201,11 +209,11 @@ class PolicyDescription:
         """
         fields = {field.name for field in dataclasses.fields(cls)}
         given = set(record) - {"schema", "navrl", "actor_sha256", "sha256"}
-        if fields != given:
-            wrong = sorted(fields ^ given)
-            raise ValueError(f"keys missing or unknown: {', '.join(wrong)}")
+        wrong = (fields ^ given) - (set(LIDAR_FAULTS) - given)
+        if wrong:
+            raise ValueError(f"keys missing or unknown: {', '.join(sorted(wrong))}")
         values: dict[str, Any] = {
-            key: tuple(record[key]) if isinstance(record[key], list) else record[key] for key in fields
+            key: tuple(record[key]) if isinstance(record[key], list) else record[key] for key in given
         }
         try:
             return cls(**values)

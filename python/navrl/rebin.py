@@ -36,6 +36,16 @@ class LidarLayout:
     range_max: float
     """Range that it reports for a beam that meets nothing, metres."""
 
+    @property
+    def step(self) -> float:
+        """Angle from one beam to the next, radians."""
+        return self.fov / self.beams
+
+    @property
+    def first_angle(self) -> float:
+        """Direction of the first beam, radians."""
+        return -0.5 * self.fov + 0.5 * self.step
+
 
 def matches(layout: LidarLayout, beams: int, angle_min: float, angle_increment: float) -> bool:
     """Whether a scan has the beams of the layout, in either direction of rotation.
@@ -49,11 +59,10 @@ def matches(layout: LidarLayout, beams: int, angle_min: float, angle_increment: 
     Returns:
         True if every beam lies within a tenth of a beam's width of the layout's.
     """
-    width = layout.fov / layout.beams
-    first = -0.5 * layout.fov + 0.5 * width
+    first = layout.first_angle
     last_angle = angle_min + (beams - 1) * angle_increment
     low, high = min(angle_min, last_angle), max(angle_min, last_angle)
-    tolerance = GEOMETRY_TOLERANCE * width
+    tolerance = GEOMETRY_TOLERANCE * layout.step
     return beams == layout.beams and abs(low - first) <= tolerance and abs(high + first) <= tolerance
 
 

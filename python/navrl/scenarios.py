@@ -30,7 +30,7 @@ from navrl import _navsim, length_cache
 from navrl.batch import Scenario, config_json, draw_list
 from navrl.config import SimConfig, WorldConfig
 from navrl.durable import write_file
-from navrl.errors import UserError
+from navrl.errors import UserError, shown
 from navrl.machine import cores
 
 if TYPE_CHECKING:
@@ -188,6 +188,9 @@ def given_list(scenarios: Sequence[Scenario], sim: SimConfig, *, num_threads: in
     kept = tuple(scenarios)
     if not kept:
         raise ScenarioError("scenarios: expected at least one")
+    for index, scenario in enumerate(kept):
+        if not isinstance(scenario, Scenario):
+            raise ScenarioError(f"scenario {index}: expected a Scenario, got {shown(scenario)}")
     examined = _examine("".join(scenario.to_json() + "\n" for scenario in kept), sim, num_threads)
     if examined.refused:
         (line, reason), *others = examined.refused

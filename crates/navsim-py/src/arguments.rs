@@ -2,8 +2,10 @@
 
 use navsim::Error;
 use numpy::{Element, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods, dtype};
-use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
+use pyo3::exceptions::{PyOverflowError, PyRuntimeError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
+use pyo3::types::PyBool;
+use std::ops::RangeInclusive;
 
 /// The Python exception of a refusal: ValueError, or RuntimeError where the machine and not the caller is at fault.
 pub fn refusal(error: Error) -> PyErr {
@@ -11,6 +13,30 @@ pub fn refusal(error: Error) -> PyErr {
         Error::Forked { .. } | Error::Threads { .. } => PyRuntimeError::new_err(error.to_string()),
         _ => PyValueError::new_err(error.to_string()),
     }
+}
+
+/// A whole number in `range`; whatever is none, or a bool, is a TypeError.
+pub fn whole(name: &str, argument: &Bound<'_, PyAny>, range: RangeInclusive<u64>) -> PyResult<u64> {
+    let number = if argument.is_instance_of::<PyBool>() { None } else { Some(argument.extract::<u64>()) };
+    match number {
+        Some(Ok(number)) if range.contains(&number) => Ok(number),
+        Some(Err(error)) if !error.is_instance_of::<PyOverflowError>(argument.py()) => {
+            Err(not_a_number(name, argument))
+        }
+        None => Err(not_a_number(name, argument)),
+        Some(_) => {
+            let (least, most) = range.into_inner();
+            Err(PyValueError::new_err(format!("{name} = {argument}: expected {least} to {most}")))
+        }
+    }
+}
+
+fn not_a_number(name: &str, argument: &Bound<'_, PyAny>) -> PyErr {
+    PyTypeError::new_err(format!("{name}: expected a whole number, got {}", type_name(argument)))
+}
+
+fn type_name(argument: &Bound<'_, PyAny>) -> String {
+    argument.get_type().name().map_or_else(|_| "an object".into(), |name| name.to_string())
 }
 
 /// Copies a numpy array of exactly this type and shape into `values`, whatever its strides. The copy is what makes an
@@ -22,10 +48,9 @@ pub fn copy_array<T: Element + Copy>(
     values: &mut Vec<T>,
 ) -> PyResult<()> {
     let py = argument.py();
-    let array = argument.cast::<PyUntypedArray>().map_err(|_| {
-        let got = argument.get_type().name().map_or_else(|_| "an object".into(), |name| name.to_string());
-        PyTypeError::new_err(format!("{name}: expected a numpy array, got {got}"))
-    })?;
+    let array = argument
+        .cast::<PyUntypedArray>()
+        .map_err(|_| PyTypeError::new_err(format!("{name}: expected a numpy array, got {}", type_name(argument))))?;
     if !array.dtype().is_equiv_to(&dtype::<T>(py)) {
         let (expected, got) = (dtype::<T>(py), array.dtype());
         return Err(PyTypeError::new_err(format!("{name}: expected dtype {expected}, got {got}")));
@@ -44,6 +69,9 @@ pub fn copy_array<T: Element + Copy>(
     }
     let array = array.cast::<PyArrayDyn<T>>()?.readonly();
     values.clear();
-    values.extend(array.as_array().iter().copied());
+    match array.as_slice() {
+        Ok(row_by_row) if array.is_c_contiguous() => values.extend_from_slice(row_by_row),
+        _ => values.extend(array.as_array().iter().copied()),
+    }
     Ok(())
 }

@@ -1,7 +1,8 @@
 //! `BatchSim` for Python.
 
-use crate::arguments::{copy_array, refusal};
+use crate::arguments::{copy_array, refusal, whole};
 use crate::scenario::Scenario;
+use navsim::batch::{ROBOTS_MAX, THREADS_MAX};
 use navsim::{Results, SimConfig};
 use numpy::ndarray::{ArrayView, IntoDimension};
 use numpy::{Element, Ix1, Ix2, PyArray, PyArrayMethods};
@@ -28,10 +29,19 @@ where
     D: IntoDimension,
 {
     let borrowed = this.try_borrow()?;
-    let shape = shape(borrowed.core.num_envs(), &borrowed.core).into_dimension();
-    let values = ArrayView::from_shape(shape, select(borrowed.core.results()));
+    let shape = shape(borrowed.core.num_envs(), &borrowed.core);
+    view_of(this, select(borrowed.core.results()), shape)
+}
+
+/// A read-only numpy view of `values`, an array of results of `this`.
+fn view_of<'py, T: Element, D: IntoDimension>(
+    this: &Bound<'py, BatchSim>,
+    values: &[T],
+    shape: D,
+) -> PyResult<Bound<'py, PyArray<T, D::Dim>>> {
+    let values = ArrayView::from_shape(shape.into_dimension(), values);
     let values = values.map_err(|e| PyValueError::new_err(e.to_string()))?;
-    // SAFETY: the core allocates its result arrays once and never moves them, and the view keeps `this` alive. A step in
+    // SAFETY: the core allocates an array of results once and never moves it, and the view keeps `this` alive. A step in
     // another thread may change what a view shows, as with any numpy array.
     let array = unsafe { PyArray::borrow_from_array(&values, this.clone().into_any()) };
     Ok((*array.readwrite().make_nonwriteable()).clone())
@@ -43,12 +53,15 @@ impl BatchSim {
     fn new(
         py: Python<'_>,
         config: &str,
-        num_envs: usize,
-        seed: u64,
-        num_threads: usize,
+        num_envs: &Bound<'_, PyAny>,
+        seed: &Bound<'_, PyAny>,
+        num_threads: &Bound<'_, PyAny>,
         autoreset: bool,
         scenarios: Option<Vec<PyRef<'_, Scenario>>>,
     ) -> PyResult<Self> {
+        let num_envs = whole("num_envs", num_envs, 1..=ROBOTS_MAX as u64)? as usize;
+        let seed = whole("seed", seed, 0..=u64::MAX)?;
+        let num_threads = whole("num_threads", num_threads, 1..=THREADS_MAX as u64)? as usize;
         let config = SimConfig::from_json(config).map_err(refusal)?;
         let scenarios = scenarios.map(|list| list.iter().map(|s| s.core.clone()).collect());
         let core = py.detach(|| navsim::BatchSim::new(config, num_envs, seed, num_threads, autoreset, scenarios));
@@ -79,12 +92,11 @@ impl BatchSim {
         py.detach(|| self.core.restore(state)).map_err(refusal)
     }
 
-    fn scenario(&self, robot: usize) -> PyResult<Scenario> {
-        let count = self.core.num_envs();
-        let scenario = self.core.scenario(robot);
-        scenario
-            .map(|core| Scenario { core })
-            .ok_or_else(|| PyIndexError::new_err(format!("robot: expected 0 to {}, got {robot}", count - 1)))
+    fn scenario(&self, robot: i64) -> PyResult<Scenario> {
+        let scenario = usize::try_from(robot).ok().and_then(|robot| self.core.scenario(robot));
+        let last = self.core.num_envs() - 1;
+        let refused = || PyIndexError::new_err(format!("robot: expected 0 to {last}, got {robot}"));
+        scenario.map(|core| Scenario { core }).ok_or_else(refused)
     }
 
     #[getter]
@@ -129,7 +141,10 @@ impl BatchSim {
 
     #[getter]
     fn ranges<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray<f32, Ix2>>> {
-        view(this, |results| &results.ranges, |n, core| (n, core.config().lidar.beams))
+        let core = &mut this.try_borrow_mut()?.core;
+        let shape = (core.num_envs(), core.config().lidar.beams);
+        let ranges = this.py().detach(|| core.ranges()).map_err(refusal)?;
+        view_of(this, ranges, shape)
     }
 
     #[getter]

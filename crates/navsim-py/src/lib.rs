@@ -3,6 +3,7 @@
 mod arguments;
 mod batch;
 mod learner;
+mod planner;
 mod scenario;
 
 use pyo3::prelude::*;
@@ -17,13 +18,15 @@ mod _navsim {
     #[pymodule_export]
     use crate::learner::Learner;
     #[pymodule_export]
+    use crate::planner::{Lookahead, plan};
+    #[pymodule_export]
     use crate::scenario::{Scenario, draw_list, needs_detour, read_list, shortest_path};
 }
 
 /// Instruction set that the scan kernels run on: "baseline", "avx2" or "avx512".
 #[pyfunction]
 fn isa() -> PyResult<&'static str> {
-    navsim::lidar::Isa::current().map(|isa| isa.name()).map_err(arguments::refusal)
+    navsim::cpu::Isa::current().map(|isa| isa.name()).map_err(arguments::refusal)
 }
 
 /// Refuses a configuration whose world cannot be set up for its robot; returns the share of the world's free area that

@@ -1,6 +1,6 @@
 //! `Scenario` for Python, and the functions that draw and read scenarios.
 
-use crate::arguments::refusal;
+use crate::arguments::{refusal, whole};
 use navsim::pose::Pose;
 use navsim::rng::Split;
 use navsim::world::{Generator, ScenarioList, Shape};
@@ -145,10 +145,13 @@ pub fn draw_list(
     py: Python<'_>,
     config: &str,
     split: &str,
-    first: u32,
-    count: u32,
-    seed: u64,
+    first: &Bound<'_, PyAny>,
+    count: &Bound<'_, PyAny>,
+    seed: &Bound<'_, PyAny>,
 ) -> PyResult<Vec<Scenario>> {
+    let first = whole("first", first, 0..=u32::MAX.into())? as u32;
+    let count = whole("count", count, 0..=u32::MAX.into())? as u32;
+    let seed = whole("seed", seed, 0..=u64::MAX)?;
     let config = SimConfig::from_json(config).map_err(refusal)?;
     let split = Split::named(split).ok_or_else(|| PyValueError::new_err(format!("split: unknown name '{split}'")))?;
     let draw = || {

@@ -1,16 +1,18 @@
 //! Many robots at once: arrays in, arrays out, and the only threads of the crate.
 
 use crate::config::SimConfig;
+use crate::cpu::DefaultMode;
 use crate::error::{Error, Result};
-use crate::results::{Results, Rows, Widths};
+use crate::results::{Results, Rows};
 use crate::task::{Episode, ObservationRow, Outcome, Task, Workspace};
 use crate::world::Scenario;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::{Deserialize, Serialize};
 
-/// Largest number of robots and threads: streams are named by a 32-bit index, and threads by common sense.
-const ROBOTS_MAX: usize = 1 << 20;
-const THREADS_MAX: usize = 256;
+/// Largest number of robots: streams are named by a 32-bit index.
+pub const ROBOTS_MAX: usize = 1 << 20;
+/// Largest number of threads, by common sense.
+pub const THREADS_MAX: usize = 256;
 
 /// A batch of robots, each with a world of its own, stepped together.
 ///
@@ -21,9 +23,18 @@ pub struct BatchSim {
     autoreset: bool,
     episodes: Vec<Episode>,
     results: Results,
-    workspaces: Vec<Workspace>,
+    /// Empty until somebody asks.
+    ranges: Vec<f32>,
+    workers: Vec<Worker>,
     pool: Option<ThreadPool>,
     process: u32,
+}
+
+/// What belongs to one thread: its memory, and how its part of the last call went.
+#[derive(Debug)]
+struct Worker {
+    workspace: Workspace,
+    result: Result<()>,
 }
 
 /// What distinguishes a simulator in the middle of its work from a new one.
@@ -34,7 +45,7 @@ struct State {
     results: Results,
 }
 
-const STATE_VERSION: u32 = 1;
+const STATE_VERSION: u32 = 2;
 
 /// What is done to a range of robots.
 #[derive(Clone, Copy)]
@@ -42,11 +53,12 @@ enum Work<'a> {
     Step(&'a [f32]),
     Reset(Option<&'a [bool]>),
     Begin,
+    Scan,
 }
 
 impl BatchSim {
-    /// A simulator of `num_envs` robots that have begun their episode 0, stepped by `num_threads` threads.
-    /// With `scenarios`, robot k runs scenario k (modulo their number).
+    /// A simulator of `num_envs` robots that have begun their episode 0, stepped by `num_threads` threads, of which the
+    /// calling one is the first. With `scenarios`, robot k runs scenario k (modulo their number).
     ///
     /// With `autoreset` a step that ends an episode begins the next one in the same call.
     ///
@@ -62,13 +74,14 @@ impl BatchSim {
     ) -> Result<Self> {
         within("num_envs", num_envs, ROBOTS_MAX)?;
         within("num_threads", num_threads, THREADS_MAX)?;
+        let _mode = DefaultMode::set();
         let task = Task::new(config, scenarios, seed)?;
-        let widths = Widths { observation: task.observation_size(), beams: task.lidar().beams() };
         let mut simulator = Self {
             autoreset,
             episodes: vec![Episode::default(); num_envs],
-            results: Results::new(num_envs, widths),
-            workspaces: (0..num_threads).map(|_| task.workspace()).collect(),
+            results: Results::new(num_envs, task.observation_size()),
+            ranges: Vec::new(),
+            workers: (0..num_threads).map(|_| Worker { workspace: task.workspace(), result: Ok(()) }).collect(),
             pool: start_pool(num_threads)?,
             process: std::process::id(),
             task,
@@ -97,6 +110,24 @@ impl BatchSim {
         &self.results
     }
 
+    /// Range of every beam now, (num_envs, beams), m; NaN for a lost beam.
+    ///
+    /// Written in place by every call from the first request on, and never before: they are eight times as many numbers
+    /// as the observations, and few ask for them.
+    ///
+    /// # Errors
+    /// A process forked from the one that made this simulator.
+    pub fn ranges(&mut self) -> Result<&[f32]> {
+        if self.ranges.is_empty() {
+            self.ranges = vec![0.0; self.num_envs() * self.config().lidar.beams];
+            if let Err(error) = self.run(Work::Scan) {
+                self.ranges = Vec::new();
+                return Err(error);
+            }
+        }
+        Ok(&self.ranges)
+    }
+
     /// What `robot` meets in its present episode.
     pub fn scenario(&self, robot: usize) -> Option<Scenario> {
         self.episodes.get(robot).map(|episode| self.task.scenario(robot, episode))
@@ -121,10 +152,13 @@ impl BatchSim {
     /// Wrong length, NaN or infinity: nothing has moved then. A world too full: the simulator is of no more use.
     pub fn step(&mut self, actions: &[f32]) -> Result<()> {
         expect_length("actions", 2 * self.num_envs(), actions.len())?;
-        if let Some(i) = actions.iter().position(|a| !a.is_finite()) {
-            return Err(Error::NotFinite { name: "actions", value: actions[i], robot: i / 2 });
+        // Without a way out of the loop many are looked at together.
+        let all_finite = actions.iter().fold(true, |all, a| all & a.is_finite());
+        let bad = if all_finite { None } else { actions.iter().position(|a| !a.is_finite()) };
+        match bad {
+            None => self.run(Work::Step(actions)),
+            Some(i) => Err(Error::NotFinite { name: "actions", value: actions[i], robot: i / 2 }),
         }
-        self.run(Work::Step(actions))
     }
 
     /// Everything that the future depends on, besides what `new` was given.
@@ -139,7 +173,7 @@ impl BatchSim {
     /// Continues bit for bit where `state` was taken, from a simulator made with the same arguments.
     ///
     /// # Errors
-    /// Bytes that are no state, or the state of another number of robots, bins or beams: nothing has changed then.
+    /// Bytes that are no state, or the state of another number of robots or bins: nothing has changed then.
     pub fn restore(&mut self, state: &[u8]) -> Result<()> {
         let state: State = serde_json::from_slice(state).map_err(|e| Error::Parse(format!("simulator state: {e}")))?;
         if state.version != STATE_VERSION {
@@ -153,23 +187,36 @@ impl BatchSim {
         self.results.copy_from(&state.results);
         self.episodes = state.episodes;
         self.episodes.iter_mut().for_each(Episode::prepare_moved);
-        Ok(())
+        if self.ranges.is_empty() { Ok(()) } else { self.run(Work::Scan) }
     }
 
-    /// Splits the robots into one contiguous part for each thread.
+    /// Splits the robots into one contiguous part for each thread; the calling thread does the first.
     fn run(&mut self, work: Work) -> Result<()> {
-        let Self { task, autoreset, episodes, results, workspaces, pool, process } = self;
-        let part = Part { task, autoreset: *autoreset, work, first: 0, episodes, rows: results.rows() };
-        match pool {
-            None => part.run(&mut workspaces[0]),
-            Some(pool) => {
-                let current = std::process::id();
-                if current != *process {
-                    return Err(Error::Forked { created: *process, current });
-                }
-                pool.install(|| part.split(workspaces))
-            }
+        let Self { task, autoreset, episodes, results, ranges, workers, pool, process } = self;
+        let (rows, beams) = (results.rows(), ranges.len() / episodes.len());
+        let mut part = Part { task, autoreset: *autoreset, work, first: 0, episodes, rows, ranges, beams };
+        let Some(pool) = pool else { return part.run(&mut workers[0].workspace) };
+        let current = std::process::id();
+        if current != *process {
+            return Err(Error::Forked { created: *process, current });
         }
+        let threads = workers.len().min(part.episodes.len());
+        let (own, others) = workers[..threads].split_at_mut(1);
+        pool.in_place_scope(|scope| {
+            for (i, worker) in others.iter_mut().enumerate().rev() {
+                let last;
+                (part, last) = part.split_at_share(i + 1, i + 2);
+                scope.spawn(move |_| worker.run(last));
+            }
+            own[0].run(part);
+        });
+        workers[..threads].iter_mut().try_for_each(|worker| std::mem::replace(&mut worker.result, Ok(())))
+    }
+}
+
+impl Worker {
+    fn run(&mut self, mut part: Part) {
+        self.result = part.run(&mut self.workspace);
     }
 }
 
@@ -181,35 +228,52 @@ struct Part<'a> {
     first: usize,
     episodes: &'a mut [Episode],
     rows: Rows<'a>,
+    /// Ranges of its robots, if anybody asked.
+    ranges: &'a mut [f32],
+    /// Ranges of a robot, 0 if nobody asked.
+    beams: usize,
 }
 
-impl Part<'_> {
-    /// Halves the part until there is one for each workspace, and runs them side by side.
-    fn split(self, workspaces: &mut [Workspace]) -> Result<()> {
-        let threads = workspaces.len().min(self.episodes.len());
-        if threads <= 1 {
-            return self.run(&mut workspaces[0]);
-        }
-        let Self { task, autoreset, work, first, episodes, rows } = self;
-        let here = episodes.len() * (threads / 2) / threads;
-        let (left_episodes, right_episodes) = episodes.split_at_mut(here);
+impl<'a> Part<'a> {
+    /// The first `share` of `of` equal shares of the robots, and the rest.
+    fn split_at_share(self, share: usize, of: usize) -> (Part<'a>, Part<'a>) {
+        let Self { task, autoreset, work, first, episodes, rows, ranges, beams } = self;
+        let here = episodes.len() * share / of;
+        let (left, right) = episodes.split_at_mut(here);
         let (left_rows, right_rows) = rows.split_at(here);
-        let (left_workspaces, right_workspaces) = workspaces[..threads].split_at_mut(threads / 2);
-        let left = Part { task, autoreset, work, first, episodes: left_episodes, rows: left_rows };
-        let right = Part { task, autoreset, work, first: first + here, episodes: right_episodes, rows: right_rows };
-        let (left, right) = rayon::join(|| left.split(left_workspaces), || right.split(right_workspaces));
-        left.and(right)
+        let (left_ranges, right_ranges) = ranges.split_at_mut(here * beams);
+        (
+            Part { episodes: left, rows: left_rows, ranges: left_ranges, task, autoreset, work, first, beams },
+            Part {
+                first: first + here,
+                episodes: right,
+                rows: right_rows,
+                ranges: right_ranges,
+                task,
+                autoreset,
+                work,
+                beams,
+            },
+        )
     }
 
-    fn run(mut self, workspace: &mut Workspace) -> Result<()> {
+    fn run(&mut self, workspace: &mut Workspace) -> Result<()> {
+        let _mode = DefaultMode::set();
         for i in 0..self.episodes.len() {
             let robot = self.first + i;
+            if let Some(next) = self.episodes.get(i + 1) {
+                next.prefetch();
+            }
             match self.work {
                 Work::Begin => self.begin(i, 0, workspace)?,
                 Work::Reset(mask) => {
                     if mask.is_none_or(|mask| mask[robot]) {
                         self.begin(i, self.episodes[i].index + 1, workspace)?;
                     }
+                }
+                Work::Scan => {
+                    let ranges = self.task.scan(robot, &self.episodes[i], workspace);
+                    self.ranges[i * self.beams..(i + 1) * self.beams].copy_from_slice(ranges);
                 }
                 Work::Step(actions) => self.step(i, [actions[2 * robot], actions[2 * robot + 1]], workspace)?,
             }
@@ -230,8 +294,9 @@ impl Part<'_> {
     /// Begins an episode and leaves reward, flags, statistics and final observation as they are.
     fn begin_quietly(&mut self, i: usize, index: u64, workspace: &mut Workspace) -> Result<()> {
         let episode = &mut self.episodes[i];
-        let (observation, ranges) = self.rows.observation(i);
-        self.task.begin(self.first + i, index, episode, workspace, &mut ObservationRow { observation, ranges })?;
+        let ranges = &mut self.ranges[i * self.beams..(i + 1) * self.beams];
+        let mut row = ObservationRow { observation: self.rows.observation(i), ranges };
+        self.task.begin(self.first + i, index, episode, workspace, &mut row)?;
         self.rows.write_situation(i, episode);
         Ok(())
     }
@@ -242,8 +307,8 @@ impl Part<'_> {
             self.rows.rewards[i] = 0.0;
             return Ok(());
         }
-        let (observation, ranges) = self.rows.observation(i);
-        let mut row = ObservationRow { observation, ranges };
+        let ranges = &mut self.ranges[i * self.beams..(i + 1) * self.beams];
+        let mut row = ObservationRow { observation: self.rows.observation(i), ranges };
         let reward = self.task.step(self.first + i, episode, action, workspace, &mut row);
         let (index, outcome) = (episode.index, episode.outcome);
         self.rows.write_step(i, reward, outcome);
@@ -257,12 +322,12 @@ impl Part<'_> {
     }
 }
 
+/// Threads beside the calling one. Never rayon's global pool, on which a forked child would hang.
 fn start_pool(threads: usize) -> Result<Option<ThreadPool>> {
     if threads == 1 {
         return Ok(None);
     }
-    // The calling thread waits while the pool works: never rayon's global pool, on which a forked child would hang.
-    let pool = ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("navsim-{i}")).build();
+    let pool = ThreadPoolBuilder::new().num_threads(threads - 1).thread_name(|i| format!("navsim-{}", i + 1)).build();
     pool.map(Some).map_err(|e| Error::Threads { threads, reason: e.to_string() })
 }
 

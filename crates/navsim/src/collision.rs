@@ -12,6 +12,9 @@ pub const CONTACT: f32 = 2e-5;
 /// The arc is followed in steps of at least this, m, so that sliding along a wall ends; what a step can overlook is less.
 const ADVANCE_MIN: f32 = 5e-5;
 
+/// More than clearances and travels may err by rounding, m.
+const ROUNDING: f32 = 0.01;
+
 /// Where the robot is after a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sweep {
@@ -27,8 +30,22 @@ pub struct Sweep {
 
 /// Clearance (m) of `footprint` at `pose`: 0 in contact, at most `CLEARANCE_MAX`.
 pub fn clearance(footprint: &Footprint, pose: &Pose, obstacles: [&Obstacles; 2]) -> f32 {
+    clearance_within(footprint, pose, obstacles, CLEARANCE_MAX)
+}
+
+/// As `clearance`, but nothing that is farther away than `limit` (m) is looked at.
+fn clearance_within(footprint: &Footprint, pose: &Pose, obstacles: [&Obstacles; 2], limit: f32) -> f32 {
     let pose = [pose.x, pose.y, pose.yaw];
-    obstacles.iter().fold(CLEARANCE_MAX, |nearest, obstacles| obstacles.clearance(footprint, pose, nearest))
+    obstacles.iter().fold(limit, |nearest, obstacles| obstacles.clearance(footprint, pose, nearest))
+}
+
+/// `clearance` at `pose`, to which no point of the footprint has moved farther than `travel` (m) since the clearance was
+/// `before`: most shapes are too far away to be looked at closely.
+fn clearance_after(footprint: &Footprint, pose: &Pose, obstacles: [&Obstacles; 2], before: f32, travel: f64) -> f32 {
+    let farthest = before + travel as f32;
+    let found = clearance_within(footprint, pose, obstacles, CLEARANCE_MAX.min(farthest + ROUNDING));
+    // Always so, unless there is nothing within `CLEARANCE_MAX` or coordinates are beyond what single precision holds.
+    if found < farthest + 0.5 * ROUNDING { found } else { clearance(footprint, pose, obstacles) }
 }
 
 /// Moves `footprint` along `arc` for `period` seconds or until it touches, from a pose where its clearance was
@@ -52,12 +69,12 @@ pub fn sweep(
         let safe = f64::from(gap.max(ADVANCE_MIN));
         if time + safe / speed.max(f64::MIN_POSITIVE) >= period {
             pose = arc.at(period);
-            let clearance = clearance(footprint, &pose, obstacles);
+            let clearance = clearance_after(footprint, &pose, obstacles, gap, speed * (period - time));
             return Sweep { pose, time: period, clearance, contact: clearance <= CONTACT };
         }
         time += safe / speed;
         pose = arc.at(time);
-        gap = clearance(footprint, &pose, obstacles);
+        gap = clearance_after(footprint, &pose, obstacles, gap, safe);
     }
     Sweep { pose, time, clearance: gap, contact: true }
 }

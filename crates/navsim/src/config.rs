@@ -85,6 +85,12 @@ pub struct LidarConfig {
     pub range_max: f64,
     /// Standard deviation of the Gaussian noise on hits, metres, >= 0.
     pub noise: f64,
+    /// Standard deviation of a second, independent Gaussian noise that grows with the range, metres per metre, >= 0.
+    pub noise_per_meter: f64,
+    /// Hits are rounded to multiples of this, metres; 0 means none.
+    pub resolution: f64,
+    /// Probability with which a beam, whatever it meets, is lost: its range is NaN and its bin keeps the others.
+    pub drop_probability: f64,
     /// Pose [x, y, yaw] of the lidar in the robot's frame (m, m, rad).
     pub mount: [f64; 3],
     /// Groups into which the beams are pooled by minimum, 1 to `beams`.
@@ -97,11 +103,13 @@ pub struct LidarConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Caster {
-    /// The fastest that can do the job.
+    /// The rasteriser with what makes it faster and leaves its bits: every beam against every edge for up to 64 beams,
+    /// and a tree of boxes, nearest first and past what is hidden, for more than 112 static edges or circles.
     Auto,
-    /// The vectorised rasteriser.
+    /// The vectorised rasteriser: every edge and every circle is drawn over the beams that it may cover.
     Raster,
-    /// Parry's ray casts, beam by beam: the reference.
+    /// Parry's ray casts, beam by beam, through its bounding volume hierarchy from 32 shapes on: the reference, and slow.
+    /// In single precision it is coarse where a beam grazes a circle.
     Parry,
 }
 
@@ -246,6 +254,13 @@ impl LidarConfig {
         let below_max = self.range_min >= 0.0 && self.range_min < self.range_max;
         check("lidar.range_min", self.range_min, below_max, "in [0, lidar.range_max) m")?;
         check("lidar.noise", self.noise, self.noise >= 0.0 && self.noise <= 10.0, "in [0, 10] m")?;
+        for (key, value) in [
+            ("lidar.noise_per_meter", self.noise_per_meter),
+            ("lidar.resolution", self.resolution),
+            ("lidar.drop_probability", self.drop_probability),
+        ] {
+            check(key, value, (0.0..=1.0).contains(&value), "in [0, 1]")?;
+        }
         for value in self.mount {
             check("lidar.mount", value, value.abs() <= 10.0, "numbers in [-10, 10]")?;
         }

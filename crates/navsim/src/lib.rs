@@ -9,7 +9,7 @@
 //! * [`batch`]: [`BatchSim`], arrays in and arrays out, the only user of threads. A step of one robot is
 //!   [`robot`] (kinematics), [`collision`], [`lidar`], and [`task`] (observation, reward, episode).
 //!
-//! * [`planner`]: true shortest paths.
+//! * [`planner`]: true shortest paths, and paths in the ways that robots use.
 //!
 //! Units are SI and radians; x is forward, y left, angles are counter-clockwise. Random numbers come from named
 //! streams ([`rng`]), so that results depend neither on the number of threads nor on the size of the batch.
@@ -19,6 +19,7 @@
 pub mod batch;
 pub mod collision;
 pub mod config;
+pub mod cpu;
 pub mod error;
 pub mod lidar;
 pub mod planner;

@@ -4,13 +4,6 @@ use crate::error::{Error, Result};
 use crate::task::{Episode, Outcome};
 use serde::{Deserialize, Serialize};
 
-/// Row lengths that depend on the configuration.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Widths {
-    pub observation: usize,
-    pub beams: usize,
-}
-
 /// Declares the arrays once: their owned form, their borrowed form for a range of robots, and how it is split.
 macro_rules! results {
     ($($(#[$doc:meta])* $name:ident: $type:ty = $zero:expr, $width:expr;)*) => {
@@ -22,20 +15,19 @@ macro_rules! results {
 
         /// The same rows of all arrays, for a contiguous range of robots.
         pub(crate) struct Rows<'a> {
-            widths: Widths,
+            /// Numbers of an observation.
+            width: usize,
             $(pub $name: &'a mut [$type],)*
         }
 
         impl Results {
-            pub(crate) fn new(num_envs: usize, widths: Widths) -> Self {
-                Self { $($name: vec![$zero; num_envs * $width(widths)],)* }
+            /// Arrays for `num_envs` robots whose observations have `width` numbers.
+            pub(crate) fn new(num_envs: usize, width: usize) -> Self {
+                Self { $($name: vec![$zero; num_envs * $width(width)],)* }
             }
 
             pub(crate) fn rows(&mut self) -> Rows<'_> {
-                let num_envs = self.rewards.len();
-                let widths =
-                    Widths { observation: self.observations.len() / num_envs, beams: self.ranges.len() / num_envs };
-                Rows { widths, $($name: &mut self.$name,)* }
+                Rows { width: self.observations.len() / self.rewards.len(), $($name: &mut self.$name,)* }
             }
 
             pub(crate) fn check_same_shape(&self, other: &Self) -> Result<()> {
@@ -54,9 +46,9 @@ macro_rules! results {
 
         impl<'a> Rows<'a> {
             pub(crate) fn split_at(self, robots: usize) -> (Rows<'a>, Rows<'a>) {
-                let widths = self.widths;
-                $(let $name = self.$name.split_at_mut(robots * $width(widths));)*
-                (Rows { widths, $($name: $name.0,)* }, Rows { widths, $($name: $name.1,)* })
+                let width = self.width;
+                $(let $name = self.$name.split_at_mut(robots * $width(width));)*
+                (Rows { width, $($name: $name.0,)* }, Rows { width, $($name: $name.1,)* })
             }
         }
     };
@@ -65,7 +57,7 @@ macro_rules! results {
 results! {
     /// Observation of each robot now, (num_envs, bins + 4): bins (m), goal distance (m), goal angle (rad), previous
     /// command as shares of the limits.
-    observations: f32 = 0.0, |w: Widths| w.observation;
+    observations: f32 = 0.0, |width| width;
     /// Reward of the step just made, unscaled.
     rewards: f32 = 0.0, |_| 1;
     /// Whether the step just made ended the episode at the goal or by a collision.
@@ -73,11 +65,9 @@ results! {
     /// Whether the time limit cut the episode at the step just made.
     truncated: bool = false, |_| 1;
     /// True successor of the step just made, also when the episode goes on, (num_envs, bins + 4).
-    final_observations: f32 = 0.0, |w: Widths| w.observation;
+    final_observations: f32 = 0.0, |width| width;
     /// `Outcome` of the step just made.
     outcome: u8 = 0, |_| 1;
-    /// Range of every beam now, (num_envs, beams), m.
-    ranges: f32 = 0.0, |w: Widths| w.beams;
     /// Pose now, (num_envs, 3): x (m), y (m), yaw (rad).
     poses: f64 = 0.0, |_| 3;
     /// Goal now, (num_envs, 2), m.
@@ -97,10 +87,9 @@ results! {
 }
 
 impl Rows<'_> {
-    /// Places for the observation and the ranges of robot `i`.
-    pub fn observation(&mut self, i: usize) -> (&mut [f32], &mut [f32]) {
-        let Widths { observation, beams } = self.widths;
-        (&mut self.observations[i * observation..(i + 1) * observation], &mut self.ranges[i * beams..(i + 1) * beams])
+    /// Place for the observation of robot `i`.
+    pub fn observation(&mut self, i: usize) -> &mut [f32] {
+        &mut self.observations[i * self.width..(i + 1) * self.width]
     }
 
     pub fn write_step(&mut self, i: usize, reward: f64, outcome: Outcome) {
@@ -128,8 +117,7 @@ impl Rows<'_> {
 
     /// The observation of robot `i` is also the successor of the step just made.
     pub fn copy_to_final(&mut self, i: usize) {
-        let width = self.widths.observation;
-        let range = i * width..(i + 1) * width;
+        let range = i * self.width..(i + 1) * self.width;
         self.final_observations[range.clone()].copy_from_slice(&self.observations[range]);
     }
 }

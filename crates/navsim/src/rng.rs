@@ -13,6 +13,10 @@ pub enum Purpose {
     World = 0,
     /// Noise of the lidar.
     Noise = 1,
+    /// Beams that the lidar loses.
+    LostBeams = 2,
+    /// Samples and ants of a planner.
+    Planner = 4,
 }
 
 /// Which part of the experiment a stream belongs to; the four lists never share a world with training or each other.
@@ -79,11 +83,48 @@ impl StreamName {
         Self { key: [seed as u32, (seed >> 32) as u32], words: [episode as u32, index, tag] }
     }
 
+    /// The stream of the same name for another purpose.
+    pub fn with_purpose(&self, purpose: Purpose) -> Self {
+        let [episode, index, tag] = self.words;
+        Self { words: [episode, index, tag & 0x00FF_FFFF | (purpose as u32) << 24], ..*self }
+    }
+
     /// The four words at `position` in this stream.
     #[inline(always)]
     pub fn block(&self, position: u32) -> [u32; 4] {
         philox([position, self.words[0], self.words[1], self.words[2]], self.key)
     }
+
+    /// Sixteen blocks from `position` on: row k holds word k of each.
+    #[inline(always)]
+    pub fn sixteen_blocks(&self, position: u32) -> [[u32; LANES]; 4] {
+        philox_lanes(std::array::from_fn(|i| position.wrapping_add(i as u32)), self.words, self.key)
+    }
+}
+
+/// As many blocks as a vector loop takes at once.
+const LANES: usize = 16;
+
+/// `LANES` blocks from counters that differ in their first word only: row k holds word k of each.
+///
+/// A word lies in the lower half of a 64-bit number, where one instruction multiplies it; the upper half does not matter.
+#[inline(always)]
+fn philox_lanes(first: [u32; LANES], rest: [u32; 3], key: [u32; 2]) -> [[u32; LANES]; 4] {
+    const LOWER: u64 = 0xFFFF_FFFF;
+    let (mut a, mut c) = (first.map(u64::from), [u64::from(rest[1]); LANES]);
+    let (mut b, mut d) = ([u64::from(rest[0]); LANES], [u64::from(rest[2]); LANES]);
+    let [mut k0, mut k1] = key;
+    for _ in 0..10 {
+        for i in 0..LANES {
+            let p0 = (a[i] & LOWER) * u64::from(ROUND_MULTIPLIERS[0]);
+            let p1 = (c[i] & LOWER) * u64::from(ROUND_MULTIPLIERS[1]);
+            (a[i], b[i]) = ((p1 >> 32) ^ b[i] ^ u64::from(k0), p1);
+            (c[i], d[i]) = ((p0 >> 32) ^ d[i] ^ u64::from(k1), p0);
+        }
+        k0 = k0.wrapping_add(KEY_INCREMENTS[0]);
+        k1 = k1.wrapping_add(KEY_INCREMENTS[1]);
+    }
+    [a, b, c, d].map(|row| row.map(|word| word as u32))
 }
 
 /// Reads a named stream from its beginning.
@@ -140,6 +181,17 @@ mod tests {
     }
 
     #[test]
+    fn sixteen_blocks_are_those_one_by_one() {
+        let name = StreamName::new(u64::MAX - 5, Purpose::Noise, Split::Final, 77, 1 << 40);
+        for position in [0, 1, 1000, u32::MAX - 7] {
+            let words = name.sixteen_blocks(position);
+            for i in 0..LANES {
+                assert_eq!(words.map(|row| row[i]), name.block(position.wrapping_add(i as u32)));
+            }
+        }
+    }
+
+    #[test]
     fn every_part_of_the_name_matters() {
         let first = StreamName::new(1, Purpose::World, Split::Train, 3, 5).block(0);
         for other in [
@@ -152,6 +204,10 @@ mod tests {
         ] {
             assert_ne!(first, other.block(0));
         }
+        let noise = StreamName::new(1, Purpose::Noise, Split::Test, 3, 5 + (7 << 32));
+        let lost = StreamName::new(1, Purpose::LostBeams, Split::Test, 3, 5 + (7 << 32));
+        assert_eq!(noise.with_purpose(Purpose::LostBeams), lost);
+        assert_ne!(noise, lost);
     }
 
     #[test]

@@ -1,69 +1,21 @@
 //! The batch: contract of reset and step, and the same bits for any number of threads and robots.
 #![allow(clippy::unwrap_used)]
 
+mod drive;
+
+use drive::{actions, config};
 use navsim::config::*;
-use navsim::rng::{Purpose, Split, Stream, StreamName};
 use navsim::world::Shape;
 use navsim::{BatchSim, Error, Scenario};
 
-fn config(world: &str) -> SimConfig {
-    SimConfig {
-        world: WorldConfig {
-            name: world.into(),
-            boxes: 8,
-            random_yaw: true,
-            goal_range_start: 10.0,
-            goal_range_growth: 0.004,
-            goal_range_max: 10.0,
-        },
-        robot: RobotConfig {
-            footprint: FootprintKind::Disc,
-            radius: 0.25,
-            length: 0.5,
-            width: 0.4,
-            v_max: 0.5,
-            omega_max: 1.0,
-            acceleration_max: 0.0,
-            angular_acceleration_max: 0.0,
-        },
-        lidar: LidarConfig {
-            beams: 180,
-            fov: std::f64::consts::PI,
-            range_min: 0.0,
-            range_max: 10.0,
-            noise: 0.008,
-            mount: [0.0; 3],
-            bins: 20,
-            caster: Caster::Auto,
-        },
-        task: TaskConfig {
-            period: 0.1,
-            time_limit: 50.0,
-            goal_radius: 0.3,
-            collision: CollisionRule::Footprint,
-            sensor_range: 0.35,
-        },
-        reward: RewardConfig { goal: 100.0, collision: -445.0, form: RewardForm::Paper, progress: 35.0 },
-    }
-}
-
-/// Actions that robot `k` takes at step `t`, the same whatever the batch.
-fn actions(robots: usize, t: u32) -> Vec<f32> {
-    let action = |k: usize| {
-        let mut random = Stream::new(StreamName::new(5, Purpose::World, Split::Given, k as u32, u64::from(t)));
-        [random.uniform(-0.2, 1.0) as f32, random.uniform(-1.0, 1.0) as f32]
-    };
-    (0..robots).flat_map(action).collect()
-}
-
 /// FNV-1a over the bits of everything that the first `robots` robots see and get.
-fn digest(sim: &BatchSim, robots: usize, mut hash: u64) -> u64 {
+fn digest(sim: &mut BatchSim, robots: usize, mut hash: u64) -> u64 {
     let mut add = |bits: u64| hash = (hash ^ bits).wrapping_mul(0x0000_0100_0000_01b3);
-    let results = sim.results();
-    let (width, beams) = (sim.observation_size(), sim.config().lidar.beams);
+    let beams = sim.config().lidar.beams;
+    sim.ranges().unwrap()[..robots * beams].iter().for_each(|v| add(u64::from(v.to_bits())));
+    let (results, width) = (sim.results(), sim.observation_size());
     results.observations[..robots * width].iter().for_each(|v| add(u64::from(v.to_bits())));
     results.final_observations[..robots * width].iter().for_each(|v| add(u64::from(v.to_bits())));
-    results.ranges[..robots * beams].iter().for_each(|v| add(u64::from(v.to_bits())));
     results.rewards[..robots].iter().for_each(|v| add(u64::from(v.to_bits())));
     results.outcome[..robots].iter().for_each(|v| add(u64::from(*v)));
     results.poses[..3 * robots].iter().for_each(|v| add(v.to_bits()));
@@ -73,9 +25,10 @@ fn digest(sim: &BatchSim, robots: usize, mut hash: u64) -> u64 {
 
 fn run(world: &str, robots: usize, threads: usize, steps: u32) -> u64 {
     let mut sim = BatchSim::new(config(world), robots, 3, threads, true, None).unwrap();
-    (0..steps).fold(digest(&sim, 3, 0), |hash, t| {
+    let start = digest(&mut sim, 3, 0);
+    (0..steps).fold(start, |hash, t| {
         sim.step(&actions(robots, t)).unwrap();
-        digest(&sim, 3, hash)
+        digest(&mut sim, 3, hash)
     })
 }
 
@@ -238,4 +191,46 @@ fn bad_actions_leave_the_simulator_untouched() {
     assert!(BatchSim::new(config("td3"), 0, 1, 1, true, None).is_err());
     assert!(BatchSim::new(config("td3"), 1, 1, 0, true, None).is_err());
     assert!(BatchSim::new(config("nowhere"), 1, 1, 1, true, None).is_err());
+}
+
+#[test]
+fn a_state_keeps_lost_beams() {
+    let mut config = config("td3");
+    config.lidar.drop_probability = 0.3;
+    let simulator = || BatchSim::new(config.clone(), 4, 0, 1, true, None).unwrap();
+    let (mut whole, mut resumed) = (simulator(), simulator());
+    (0..20).for_each(|t| whole.step(&actions(4, t)).unwrap());
+    assert!(whole.ranges().unwrap().iter().any(|range| range.is_nan()));
+    resumed.restore(&whole.state().unwrap()).unwrap();
+    assert_eq!(digest(&mut resumed, 4, 0), digest(&mut whole, 4, 0));
+    (20..60).for_each(|t| {
+        whole.step(&actions(4, t)).unwrap();
+        resumed.step(&actions(4, t)).unwrap();
+    });
+    assert_eq!(digest(&mut resumed, 4, 0), digest(&mut whole, 4, 0));
+}
+
+#[test]
+fn ranges_are_the_same_whenever_they_are_asked_for() {
+    let mut config = config("td3");
+    config.lidar.noise = 0.05;
+    for autoreset in [true, false] {
+        let simulator = |threads| BatchSim::new(config.clone(), 7, 0, threads, autoreset, None).unwrap();
+        let mut kept = simulator(1);
+        let mut first = kept.ranges().unwrap().to_vec();
+        for steps in [0, 1, 150] {
+            let mut late = simulator(2);
+            for t in 0..steps {
+                late.step(&actions(7, t)).unwrap();
+                kept.step(&actions(7, t)).unwrap();
+            }
+            let ranges = kept.ranges().unwrap().to_vec();
+            assert!(steps == 0 || ranges != first);
+            assert_eq!(late.ranges().unwrap(), ranges);
+            late.restore(&simulator(1).state().unwrap()).unwrap();
+            first = simulator(1).ranges().unwrap().to_vec();
+            assert_eq!(late.ranges().unwrap(), first);
+            kept.restore(&simulator(1).state().unwrap()).unwrap();
+        }
+    }
 }

@@ -1,134 +1,16 @@
 //! Ranges against double precision: a reference written here and parry2d-f64, in random worlds of every shape kind.
 #![allow(clippy::unwrap_used)]
 
+mod reference;
+
 use navsim::config::{Caster, LidarConfig};
-use navsim::lidar::{Isa, Lidar, NoiseName, Surroundings, beam_angle};
+use navsim::cpu::Isa;
+use navsim::lidar::beam_angle;
 use navsim::pose::Pose;
 use navsim::rng::{Purpose, Split, Stream, StreamName};
-use navsim::world::{Obstacles, Shape};
+use navsim::world::Shape;
+use reference::{config, excess, random_pose, random_shape, room, scan};
 use std::f64::consts::{FRAC_PI_2, PI};
-
-fn config(beams: usize, fov: f64, range_max: f64) -> LidarConfig {
-    LidarConfig { beams, fov, range_min: 0.0, range_max, noise: 0.0, mount: [0.0; 3], bins: 1, caster: Caster::Auto }
-}
-
-fn name() -> NoiseName {
-    NoiseName { stream: StreamName::new(0, Purpose::Noise, Split::Train, 0, 0), scan: 0 }
-}
-
-/// The scan of `shapes`, half of them as static and half as moved obstacles.
-fn scan(shapes: &[Shape], pose: Pose, config: &LidarConfig, isa: Isa) -> Vec<f32> {
-    let lidar = Lidar::with_isa(config, isa);
-    let (fixed, moved) = shapes.split_at(shapes.len() / 2);
-    let (fixed, moved) = (Obstacles::new(fixed), Obstacles::new(moved));
-    let around = Surroundings { obstacles: [&fixed, &moved], world_from_robot: pose, center_distance: 0.0 };
-    lidar.scan(&around, &name(), &mut lidar.buffer()).to_vec()
-}
-
-fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {
-    a[0] * b[1] - a[1] * b[0]
-}
-
-fn sub(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
-    [a[0] - b[0], a[1] - b[1]]
-}
-
-/// Range of one ray against one shape in double precision; 0 inside a solid.
-fn reference(shape: &Shape, origin: [f64; 2], direction: [f64; 2]) -> f64 {
-    if let Shape::Circle { center, radius } = shape {
-        let to_center = sub(*center, origin);
-        let (along, across) = (to_center[0] * direction[0] + to_center[1] * direction[1], cross(direction, to_center));
-        if to_center[0].hypot(to_center[1]) <= *radius {
-            return 0.0;
-        }
-        let chord = (radius - across.abs()) * (radius + across.abs());
-        return if chord >= 0.0 && along > 0.0 { along - chord.sqrt() } else { f64::INFINITY };
-    }
-    let corners = shape.corners();
-    let n = corners.len();
-    let edges = if n == 2 { 1 } else { n };
-    if n > 2 && (0..n).all(|i| cross(sub(corners[(i + 1) % n], corners[i]), sub(origin, corners[i])) >= 0.0) {
-        return 0.0;
-    }
-    (0..edges)
-        .map(|i| reference_edge(corners[i], corners[(i + 1) % n], origin, direction))
-        .fold(f64::INFINITY, f64::min)
-}
-
-fn reference_edge(a: [f64; 2], b: [f64; 2], origin: [f64; 2], direction: [f64; 2]) -> f64 {
-    let (to_a, edge) = (sub(a, origin), sub(b, a));
-    let denominator = cross(direction, edge);
-    if denominator == 0.0 {
-        return f64::INFINITY;
-    }
-    let (range, share) = (cross(to_a, edge) / denominator, cross(to_a, direction) / denominator);
-    if range >= 0.0 && (0.0..=1.0).contains(&share) { range } else { f64::INFINITY }
-}
-
-fn reference_range(shapes: &[Shape], origin: [f64; 2], angle: f64, range_max: f64) -> f64 {
-    let direction = [angle.cos(), angle.sin()];
-    shapes.iter().map(|s| reference(s, origin, direction)).fold(range_max, f64::min)
-}
-
-/// The rule: a range lies within 0.1 mm of what double precision gives for an origin within 4 um and an angle within
-/// 1 urad. Returns how far it is outside.
-fn excess(range: f32, shapes: &[Shape], origin: [f64; 2], angle: f64, range_max: f64) -> f64 {
-    let range = f64::from(range);
-    let exact = reference_range(shapes, origin, angle, range_max);
-    if (range - exact).abs() <= 1e-4 {
-        return 0.0;
-    }
-    let (mut low, mut high) = (exact, exact);
-    // The nanometres take a ray off a wall that its origin stands on.
-    for dx in [-4e-6, -1e-9, 0.0, 1e-9, 4e-6] {
-        for dy in [-4e-6, -1e-9, 0.0, 1e-9, 4e-6] {
-            for da in [-1e-6, 0.0, 1e-6] {
-                let near = reference_range(shapes, [origin[0] + dx, origin[1] + dy], angle + da, range_max);
-                (low, high) = (low.min(near), high.max(near));
-            }
-        }
-    }
-    (low - 1e-4 - range).max(range - high - 1e-4).max(0.0)
-}
-
-fn random_shape(random: &mut Stream, kind: usize, half: f64) -> Shape {
-    let mut at = || [random.uniform(-half, half), random.uniform(-half, half)];
-    let center = at();
-    let near = at();
-    match kind {
-        0 => Shape::Circle { center, radius: random.uniform(0.02, 1.0) },
-        1 => Shape::Box {
-            center,
-            yaw: random.uniform(-PI, PI),
-            length: random.uniform(0.01, 3.0),
-            width: random.uniform(0.001, 1.0),
-        },
-        2 => Shape::Segment { a: center, b: near },
-        _ => {
-            let (radius, turn) = (random.uniform(0.05, 1.5), random.uniform(0.0, PI));
-            let corners = 3 + (random.uniform(0.0, 6.0) as usize);
-            let corner = |i: usize| {
-                let angle = turn + 2.0 * PI * i as f64 / corners as f64;
-                [center[0] + radius * angle.cos(), center[1] + radius * angle.sin()]
-            };
-            Shape::polygon((0..corners).map(corner).collect()).unwrap()
-        }
-    }
-}
-
-fn room(half: f64) -> Vec<Shape> {
-    let corners = [[-half, -half], [half, -half], [half, half], [-half, half]];
-    (0..4).map(|i| Shape::Segment { a: corners[i], b: corners[(i + 1) % 4] }).collect()
-}
-
-/// A pose on a coarse grid now and then, so that beams run exactly along walls and through corners.
-fn random_pose(random: &mut Stream, half: f64) -> Pose {
-    let (x, y) = (random.uniform(-half, half), random.uniform(-half, half));
-    if random.unit() < 0.2 {
-        return Pose::new(x.round(), y.round(), FRAC_PI_2 * random.uniform(-2.0, 2.0).round());
-    }
-    Pose::new(x, y, random.uniform(-PI, PI))
-}
 
 #[test]
 fn ranges_agree_with_double_precision() {
@@ -138,7 +20,8 @@ fn ranges_agree_with_double_precision() {
         let mut random = Stream::new(StreamName::new(11, Purpose::World, Split::Train, index, 0));
         let half = [2.0, 5.0, 15.0][index as usize % 3];
         let mut shapes = room(half);
-        for i in 0..12 {
+        // Every hundredth world is large enough for the trees of both halves.
+        for i in 0..if index % 100 == 7 { 1_000 } else { 12 } {
             let kind = if index % 5 < 4 { index as usize % 5 } else { i % 4 };
             shapes.push(random_shape(&mut random, kind, half));
         }
@@ -262,4 +145,31 @@ fn the_mount_moves_the_origin() {
     // The robot looks along -y, the lidar 0.5 m ahead of its centre to its left: along +x from (0.2, -0.5).
     let ranges = scan(&wall, Pose::new(0.0, 0.0, -FRAC_PI_2), &mounted, Isa::detect());
     assert!((ranges[0] - 1.8).abs() < 1e-6);
+}
+
+/// The answers that `Lidar::scan` documents for beams that meet an edge in one point or in all.
+#[test]
+fn special_beams_have_the_documented_answer() {
+    let ahead = |shapes: &[Shape], caster| {
+        scan(shapes, Pose::default(), &LidarConfig { caster, ..config(1, 0.1, 10.0) }, Isa::detect())[0]
+    };
+    let wall = |a, b| Shape::Segment { a, b };
+    for caster in [Caster::Auto, Caster::Raster] {
+        // Along a wall: the wall is not met, what stands at its end is.
+        assert_eq!(ahead(&[wall([2.0, 0.0], [4.0, 0.0])], caster), 10.0);
+        assert_eq!(ahead(&[wall([2.0, 0.0], [4.0, 0.0]), wall([4.0, -1.0], [4.0, 1.0])], caster), 4.0);
+        // Along a side of a box, 2 m to 4 m ahead: its near side ends on the beam and is met.
+        let beside = Shape::Box { center: [3.0, 0.5], yaw: 0.0, length: 2.0, width: 1.0 };
+        assert_eq!(ahead(&[beside], caster), 2.0);
+        // Through the end of a wall, and through the corner of a box.
+        assert_eq!(ahead(&[wall([3.0, 0.0], [3.0, 1.0])], caster), 3.0);
+        let corner = Shape::polygon(vec![[3.0, 0.0], [4.0, -1.0], [5.0, 0.0], [4.0, 1.0]]).unwrap();
+        assert_eq!(ahead(&[corner], caster), 3.0);
+        // Standing on a wall that crosses the beam, and on one that runs along it.
+        assert_eq!(ahead(&[wall([0.0, -1.0], [0.0, 1.0])], caster), 10.0);
+        assert_eq!(ahead(&[wall([-1.0, 0.0], [1.0, 0.0])], caster), 10.0);
+        // A circle that the beam touches, and one that it misses by a millimetre.
+        assert!((ahead(&[Shape::Circle { center: [3.0, 1.0], radius: 1.0 }], caster) - 3.0).abs() < 1e-3);
+        assert_eq!(ahead(&[Shape::Circle { center: [3.0, 1.001], radius: 1.0 }], caster), 10.0);
+    }
 }

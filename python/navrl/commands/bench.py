@@ -12,10 +12,10 @@ import numpy as np
 
 from navrl import _navsim
 from navrl.batch import BatchSim
-from navrl.cli import DONE
 from navrl.commands.options import given_settings, output_file, threads, whole_number
 from navrl.config import SimConfig
 from navrl.config.files import Option, load_sim
+from navrl.exit_codes import DONE
 
 SCHEMA = 1
 """Version of the JSON file."""
@@ -37,8 +37,6 @@ def bench(options: Namespace) -> int:
     lidar = [Option("--beams", "lidar.beams", str(beams)), Option("--beams", "lidar.bins", str(bins))]
     config = load_sim([*settings, *lidar])
     print(f"navrl: stepping {num_envs} robots in {config.world.name} for some seconds", file=sys.stderr)
-
-    from navrl.commands.bench import measure, write_json
 
     speed = measure(config, num_envs=num_envs, num_threads=num_threads)
     print(

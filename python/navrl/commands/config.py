@@ -2,9 +2,9 @@
 
 from argparse import Namespace
 
-from navrl.cli import DONE
 from navrl.commands.options import given_settings
 from navrl.config.files import load_config, to_toml
+from navrl.exit_codes import DONE
 
 
 def show(options: Namespace) -> int:

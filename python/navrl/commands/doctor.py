@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navrl.cli import DONE, INTERNAL_ERROR
+from navrl.exit_codes import DONE, INTERNAL_ERROR
 from navrl.machine import cores, cpu_model
 
 if TYPE_CHECKING:

@@ -3,10 +3,10 @@
 import sys
 from argparse import Namespace
 
-from navrl.cli import DONE
 from navrl.commands.options import output_file, threads, whole_number
 from navrl.commands.selection import place, scenario_list, simulator
 from navrl.errors import UserError
+from navrl.exit_codes import DONE
 
 
 def evaluate(options: Namespace) -> int:

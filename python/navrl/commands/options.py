@@ -69,6 +69,8 @@ def output_file(flag: str, text: str) -> Path:
     Raises:
         UserError: it is a folder, a device or a pipe, or its folder does not exist or cannot be written to.
     """
+    if not text:
+        raise UserError(f"{flag}: expects the name of a file")
     typed = Path(text)
     path = typed.resolve() if typed.is_symlink() else typed
     if path.is_dir():

@@ -3,9 +3,9 @@
 import sys
 from argparse import Namespace
 
-from navrl.cli import DONE
 from navrl.commands.options import output_file, threads, whole_number
 from navrl.commands.selection import place, scenario_list, simulator
+from navrl.exit_codes import DONE
 
 
 def play(options: Namespace) -> int:

@@ -1,10 +1,11 @@
 """The robot, the world and the scenarios that a command's options ask for."""
 
 from argparse import Namespace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from navrl.commands.options import given_settings
-from navrl.config.files import load_sim
+from navrl.config.files import load_config, load_sim
 from navrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -14,9 +15,12 @@ if TYPE_CHECKING:
 
 
 def simulator(options: Namespace, description: "PolicyDescription") -> "SimConfig":
-    """The policy's robot in the world that was asked for."""
+    """The policy's robot in the world that was asked for: without one in that of the run, or in td3."""
     if options.boxes is not None and options.world != "boxes":
         raise UserError(f"--boxes {options.boxes}: goes with --world boxes")
+    run = Path(options.policy) / "config.toml"
+    if options.world is None and run.is_file():
+        return description.sim_config(load_config(file=run).sim.world)
     return description.sim_config(load_sim(given_settings(options, "world", "boxes")).world)
 
 

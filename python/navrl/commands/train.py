@@ -6,11 +6,11 @@ import time
 from argparse import Namespace
 from pathlib import Path
 
-from navrl.cli import DONE, NOT_FINITE
 from navrl.commands.options import given_settings, whole_number
 from navrl.config import WORLDS, Config
 from navrl.config.files import Option, load_config
 from navrl.errors import UserError
+from navrl.exit_codes import DONE, NOT_FINITE
 
 FIXED_BY_RUN = ("preset", "robot", "config", "world", "seed", "seeds", "episodes", "until", "algorithm", "init", "out")
 """Options that a resumed run has no use for."""

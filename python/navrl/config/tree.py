@@ -16,24 +16,6 @@ from pydantic.dataclasses import dataclass
 from navrl.config.checks import check_config, check_sim
 from navrl.config.faults import one_line
 
-__all__ = [
-    "CheckpointConfig",
-    "Config",
-    "ExplorationConfig",
-    "LearnerConfig",
-    "LidarConfig",
-    "NetworksConfig",
-    "ReplayConfig",
-    "RewardConfig",
-    "RobotConfig",
-    "SimConfig",
-    "TaskConfig",
-    "ThreadsConfig",
-    "TrainingConfig",
-    "ValidationConfig",
-    "WorldConfig",
-]
-
 WORLDS = ("td3", "boxes", "open8")
 THREADS_MAX = 256
 """Most threads of a simulator, as the core has it."""
@@ -125,6 +107,12 @@ class LidarConfig:
     """Largest range (m); a beam that meets nothing reports exactly this."""
     noise: Annotated[float, Field(ge=0, le=10)] = 0.008
     """Standard deviation of the Gaussian noise on hits (m)."""
+    noise_per_meter: _Fraction = 0.0
+    """Standard deviation (m per m) of a second noise that grows with the range; sigma^2 = noise^2 + (it x range)^2."""
+    resolution: _Fraction = 0.0
+    """Hits are rounded to multiples of this (m); 0 means none."""
+    drop_probability: _Fraction = 0.0
+    """Probability that a beam is lost: its range is NaN, its bin keeps the other beams, and without any reads 0."""
     mount: _Pose = (0.0, 0.0, 0.0)
     """Pose [x, y, yaw] of the lidar in the robot's frame (m, m, rad)."""
     bins: Annotated[int, Field(ge=1, le=4096)] = 20

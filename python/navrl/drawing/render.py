@@ -120,6 +120,7 @@ class Room:
         x0, y0, x1, y1 = _frame(scenario, path)
         self._scale = size * supersample / max(x1 - x0, y1 - y0)
         self._origin = (x0, y1)
+        self._grid = 1.0 if max(x1 - x0, y1 - y0) <= 40 else 10.0
         # Even sides, which video needs.
         across, down = (2 * max(1, round((side * self._scale) / supersample / 2)) for side in (x1 - x0, y1 - y0))
         self.width, self.height = across, down + CAPTION_PX
@@ -193,7 +194,7 @@ class Room:
 
     def _draw_static(self, x0: float, y0: float, x1: float, y1: float) -> None:
         draw = ImageDraw.Draw(self._canvas, "RGBA")
-        spacing = 1.0 if max(x1 - x0, y1 - y0) <= 40 else 10.0
+        spacing = self._grid
         for x in np.arange(math.ceil(x0 / spacing) * spacing, x1, spacing):
             draw.line(self._px([(x, y0), (x, y1)]), fill=GRID, width=self._supersample)
         for y in np.arange(math.ceil(y0 / spacing) * spacing, y1, spacing):
@@ -273,12 +274,14 @@ class Room:
         draw.text((14, top + 41), facts, font=small, fill=INK, anchor="lm")
         if draw.textlength(self._title, font=small) + draw.textlength(words, font=large) + 60 < self.width:
             draw.text((self.width - 14, top + 18), self._title, font=small, fill=FAINT_INK, anchor="rm")
-        legend = self.width - 14 - 170
+        legend = self.width - 14 - 240
         if legend > 28 + draw.textlength(facts, font=small):
             self._draw_legend(draw, legend, top + 41)
 
     def _draw_legend(self, draw: ImageDraw.ImageDraw, x: float, y: float) -> None:
         near, far = DANGER_RANGES[0], DANGER_RANGES[-1]
+        draw.text((x + 50, y), f"grid {self._grid:g} m", font=_font(11), fill=FAINT_INK, anchor="rm")
+        x += 70
         draw.text((x + 40, y), f"{near:g} m", font=_font(11), fill=FAINT_INK, anchor="rm")
         for i, color in enumerate(danger_colors(np.linspace(near, far, 90, dtype=np.float32)).tolist()):
             draw.line((x + 46 + i, y - 4, x + 46 + i, y + 4), fill=tuple(color))

@@ -1,39 +1,101 @@
-//! Gaussian noise for a whole scan at once: Philox words to normal numbers by Box and Muller, in blocks.
+//! What a real lidar does to a scan, for all beams at once: noise, resolution, limits and lost beams.
+//!
+//! Gaussian noise comes from Philox words by Box and Muller, in blocks; the same source serves every instruction set
+//! (see `cpu`) and gives the same bits on all of them.
 
-use super::fan::BLOCK;
+use super::NoiseName;
+use super::faults;
+use crate::config::LidarConfig;
+use crate::cpu::Kernel;
 use crate::rng::StreamName;
+use crate::world::BLOCK;
 
-/// Random blocks of four words that one round of the loop draws: one for each lane.
+/// Words of a random block.
 const WORDS: usize = 4;
-/// Normal numbers of one round of the loop.
-const ROUND: usize = BLOCK * WORDS;
+/// Random numbers of one round of the loops: a random block for each lane.
+pub(super) const ROUND: usize = BLOCK * WORDS;
 
-/// Noise of one episode's scans.
+/// How a lidar departs from exact ranges. 0 switches each part off.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Noise {
-    /// Stream of the episode.
-    pub stream: StreamName,
-    /// Standard deviation, m.
+    /// Standard deviation of what is independent of the range, m.
     pub sigma: f32,
-    /// Ranges are clipped to at least this, m.
+    /// Standard deviation of what grows with the range, m per m.
+    pub sigma_per_meter: f32,
+    /// Hits are rounded to multiples of this, m.
+    pub resolution: f32,
+    /// Of 2^24 beams, how many are lost.
+    pub lost: u32,
+    /// Hits are clipped to at least this, m.
     pub range_min: f32,
     /// Largest range, m: a beam that met nothing, left as it is.
     pub range_max: f32,
 }
 
-/// Random blocks that one scan of `beams` uses.
-pub(crate) fn blocks_per_scan(beams: usize) -> u32 {
-    (beams.div_ceil(ROUND) * BLOCK) as u32
+impl Noise {
+    /// The noise and the limits of a checked configuration.
+    pub fn new(lidar: &LidarConfig) -> Self {
+        Self {
+            sigma: lidar.noise as f32,
+            sigma_per_meter: lidar.noise_per_meter as f32,
+            resolution: lidar.resolution as f32,
+            lost: libm::round(lidar.drop_probability * f64::from(1 << 24)) as u32,
+            range_min: lidar.range_min as f32,
+            range_max: lidar.range_max as f32,
+        }
+    }
 }
 
-/// Adds noise to every hit in `ranges` (padded to whole blocks of 16) and clips it; draws from `first_block` on.
+/// Turns exact ranges into those that the lidar reports: noise on hits, rounded to the resolution and clipped to the
+/// limits; lost beams are NaN.
+pub(super) struct Disturb<'a> {
+    pub noise: &'a Noise,
+    pub name: &'a NoiseName,
+    /// Range of every beam, m, padded to whole blocks of 16, at most `range_max`.
+    pub ranges: &'a mut [f32],
+}
+
+impl Kernel for Disturb<'_> {
+    #[inline(always)]
+    fn run(self) {
+        disturb(self.noise, self.name, self.ranges);
+    }
+}
+
 #[inline(always)]
-pub(super) fn add(noise: &Noise, first_block: u32, ranges: &mut [f32]) {
+pub(super) fn disturb(noise: &Noise, name: &NoiseName, ranges: &mut [f32]) {
+    let first_block = name.scan.wrapping_mul((ranges.len().div_ceil(ROUND) * BLOCK) as u32);
+    let Noise { sigma, sigma_per_meter, range_min, .. } = *noise;
+    if sigma_per_meter > 0.0 {
+        // Two independent errors: their variances add up.
+        let total = |range: f32| {
+            let growing = sigma_per_meter * range;
+            (sigma * sigma + growing * growing).sqrt()
+        };
+        add_normals(noise, &name.stream, first_block, total, ranges);
+    } else if sigma > 0.0 {
+        add_normals(noise, &name.stream, first_block, |_| sigma, ranges);
+    } else if range_min > 0.0 {
+        for range in ranges.iter_mut() {
+            *range = if *range < range_min { range_min } else { *range };
+        }
+    }
+    if noise.resolution > 0.0 {
+        faults::round_hits(noise, ranges);
+    }
+    if noise.lost > 0 {
+        faults::lose_beams(noise.lost, &name.stream, first_block, ranges);
+    }
+}
+
+/// Adds noise of standard deviation `sigma(range)` to every hit and clips it; draws from `first_block` on.
+#[inline(always)]
+fn add_normals(noise: &Noise, stream: &StreamName, first_block: u32, sigma: impl Fn(f32) -> f32, ranges: &mut [f32]) {
     let mut normals = [0.0; ROUND];
     for (round, chunk) in ranges.chunks_mut(ROUND).enumerate() {
-        draw(&noise.stream, first_block.wrapping_add((round * BLOCK) as u32), &mut normals);
+        draw_normals(stream, first_block.wrapping_add((round * BLOCK) as u32), &mut normals);
         for (range, normal) in chunk.iter_mut().zip(&normals) {
-            let noisy = *range + noise.sigma * normal;
+            let noisy = *range + sigma(*range) * normal;
             let noisy = if noisy > noise.range_min { noisy } else { noise.range_min };
             let noisy = if noisy < noise.range_max { noisy } else { noise.range_max };
             *range = if *range < noise.range_max { noisy } else { noise.range_max };
@@ -43,14 +105,8 @@ pub(super) fn add(noise: &Noise, first_block: u32, ranges: &mut [f32]) {
 
 /// 64 normal numbers from 16 random blocks.
 #[inline(always)]
-fn draw(stream: &StreamName, first_block: u32, normals: &mut [f32; ROUND]) {
-    let mut words = [[0u32; BLOCK]; WORDS];
-    for lane in 0..BLOCK {
-        let block = stream.block(first_block.wrapping_add(lane as u32));
-        for (row, word) in words.iter_mut().zip(block) {
-            row[lane] = word;
-        }
-    }
+fn draw_normals(stream: &StreamName, first_block: u32, normals: &mut [f32; ROUND]) {
+    let words = stream.sixteen_blocks(first_block);
     for pair in 0..2 {
         let (radii, turns) = (words[2 * pair], words[2 * pair + 1]);
         for lane in 0..BLOCK {
@@ -89,7 +145,7 @@ fn sin_turn(turn: f32) -> f32 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::rng::{Purpose, Split};
 
@@ -111,7 +167,7 @@ mod tests {
         let mut normals = Vec::new();
         let mut chunk = [0.0; ROUND];
         for block in 0..4_000 {
-            draw(&stream, block * BLOCK as u32, &mut chunk);
+            draw_normals(&stream, block * BLOCK as u32, &mut chunk);
             normals.extend(chunk.map(f64::from));
         }
         let n = normals.len() as f64;
@@ -131,15 +187,61 @@ mod tests {
         }
     }
 
+    /// A noise that is off but for the limits.
+    pub(in crate::lidar) const NONE: Noise =
+        Noise { sigma: 0.0, sigma_per_meter: 0.0, resolution: 0.0, lost: 0, range_min: 0.0, range_max: 100.0 };
+
+    pub(in crate::lidar) fn name(episode: u64, scan: u32) -> NoiseName {
+        NoiseName { stream: StreamName::new(3, Purpose::Noise, Split::Train, 0, episode), scan }
+    }
+
     #[test]
     fn only_hits_are_noisy_and_stay_within_the_range() {
-        let stream = StreamName::new(3, Purpose::Noise, Split::Train, 0, 0);
-        let noise = Noise { stream, sigma: 1.0, range_min: 0.5, range_max: 2.0 };
+        let noise = Noise { sigma: 1.0, range_min: 0.5, range_max: 2.0, ..NONE };
         let mut ranges: Vec<f32> = (0..160).map(|i| if i % 2 == 0 { 2.0 } else { 1.0 }).collect();
-        add(&noise, 0, &mut ranges);
+        disturb(&noise, &name(0, 0), &mut ranges);
         assert!(ranges.iter().step_by(2).all(|r| *r == 2.0));
         let hits: Vec<f32> = ranges.iter().skip(1).step_by(2).copied().collect();
         assert!(hits.iter().all(|r| (0.5..=2.0).contains(r)));
         assert!(hits.contains(&0.5) && hits.contains(&2.0) && hits.iter().any(|r| *r != 0.5 && *r != 2.0));
+    }
+
+    /// sigma^2 = 0.03^2 + (0.01 r)^2: 0.05 m at 4 m, 0.03162 m at 1 m.
+    #[test]
+    fn variances_of_both_kinds_add_up() {
+        let noise = Noise { sigma: 0.03, sigma_per_meter: 0.01, ..NONE };
+        for (range, sigma) in [(4.0, 0.05), (1.0, 0.031_622_8)] {
+            let errors = |scan| {
+                let mut ranges = vec![range; 1600];
+                disturb(&noise, &name(1, scan), &mut ranges);
+                ranges.into_iter().map(move |r| f64::from(r - range))
+            };
+            let all: Vec<f64> = (0..100).flat_map(errors).collect();
+            let n = all.len() as f64;
+            let mean = all.iter().sum::<f64>() / n;
+            let variance = all.iter().map(|e| e * e).sum::<f64>() / n;
+            // Five standard errors.
+            assert!(mean.abs() < 5.0 * sigma / n.sqrt(), "{range}: {mean}");
+            assert!((variance / (sigma * sigma) - 1.0).abs() < 5.0 * (2.0 / n).sqrt(), "{range}: {variance}");
+        }
+    }
+
+    #[test]
+    fn the_name_decides_the_noise() {
+        let noise = Noise { sigma: 0.1, lost: 1 << 22, resolution: 0.001, ..NONE };
+        let scan = |name: NoiseName| {
+            let mut ranges = vec![5.0; 192];
+            disturb(&noise, &name, &mut ranges);
+            ranges.into_iter().map(f32::to_bits).collect::<Vec<_>>()
+        };
+        let first = scan(name(7, 3));
+        assert_eq!(first, scan(name(7, 3)));
+        let robot =
+            |seed, index| NoiseName { stream: StreamName::new(seed, Purpose::Noise, Split::Train, index, 7), scan: 3 };
+        for other in [name(8, 3), name(7, 4), robot(4, 0), robot(3, 1)] {
+            let same = scan(other).iter().zip(&first).filter(|(a, b)| a == b).count();
+            // Both lost in 1/16 of the beams, on the same millimetre in few.
+            assert!(same < 40, "{same} of 192 beams agree");
+        }
     }
 }

@@ -19,6 +19,15 @@ impl GoalDisc {
     /// The disc of `radius` (m) about `center`; `None` if all of its border is blocked or cut off from `start`, which
     /// lies outside.
     pub fn new(world: &Inflated, joints: &[Joint], start: Point, center: Point, radius: f64) -> Option<Self> {
+        let mut disc = Self::free(world, center, radius);
+        let middles: Vec<Point> = disc.arcs.iter().map(|arc| disc.middle(arc)).collect();
+        let mut cut = cut_off(world, joints, start, &middles).into_iter();
+        disc.arcs.retain(|_| cut.next() == Some(false));
+        (!disc.is_blocked()).then_some(disc)
+    }
+
+    /// The disc of `radius` (m) about `center`, with all of its border that is free.
+    pub fn free(world: &Inflated, center: Point, radius: f64) -> Self {
         let mut angles = if radius > 0.0 { world.crossings(center, radius) } else { Vec::new() };
         angles.iter_mut().for_each(|angle| *angle = sweep(0.0, *angle, 1.0));
         angles.sort_by(f64::total_cmp);
@@ -29,10 +38,12 @@ impl GoalDisc {
         }
         let mut disc = Self { center, radius, arcs };
         disc.arcs = disc.arcs.iter().copied().filter(|arc| world.is_free(disc.middle(arc))).collect();
-        let middles: Vec<Point> = disc.arcs.iter().map(|arc| disc.middle(arc)).collect();
-        let mut cut = cut_off(world, joints, start, &middles).into_iter();
-        disc.arcs.retain(|_| cut.next() == Some(false));
-        (!disc.arcs.is_empty()).then_some(disc)
+        disc
+    }
+
+    /// Whether no piece of its border is left.
+    pub fn is_blocked(&self) -> bool {
+        self.arcs.is_empty()
     }
 
     fn at(&self, angle: f64) -> Point {

@@ -16,7 +16,7 @@ const TOUCH: f64 = 1e-6;
 
 /// A convex core and its reach.
 #[derive(Debug, Clone)]
-pub(crate) struct Solid {
+pub(crate) struct InflatedSolid {
     core: Vec<Point>,
     /// Distance from the core that is blocked, m.
     reach: f64,
@@ -94,7 +94,7 @@ fn squared_between(a: Point, b: Point, c: Point, d: Point) -> f64 {
     ends.min(squared_to_segment(c, a, b)).min(squared_to_segment(d, a, b))
 }
 
-impl Solid {
+impl InflatedSolid {
     /// `shape` grown by `radius`, both m.
     pub fn new(shape: &Shape, radius: f64) -> Self {
         let (core, reach) = match shape {
@@ -143,7 +143,7 @@ impl Solid {
     }
 
     /// Nearest points of the two cores, if the grown shapes overlap.
-    fn joint(&self, other: &Solid) -> Option<[Point; 2]> {
+    fn joint(&self, other: &InflatedSolid) -> Option<[Point; 2]> {
         let far = self.reach + other.reach;
         if apart(self.center, other.center) > far + self.extent + other.extent {
             return None;
@@ -167,7 +167,7 @@ impl Solid {
     }
 
     /// A point of both cores, if they cross or one holds the other.
-    fn common_point(&self, other: &Solid) -> Option<Point> {
+    fn common_point(&self, other: &InflatedSolid) -> Option<Point> {
         for (a, b) in self.edges() {
             for (c, d) in other.edges() {
                 if squared_between(a, b, c, d) == 0.0 {
@@ -177,8 +177,9 @@ impl Solid {
                 }
             }
         }
-        let held =
-            |inner: &Solid, outer: &Solid| (outer.clearance(inner.core[0]) < -outer.reach).then_some(inner.core[0]);
+        let held = |inner: &InflatedSolid, outer: &InflatedSolid| {
+            (outer.clearance(inner.core[0]) < -outer.reach).then_some(inner.core[0])
+        };
         held(self, other).or_else(|| held(other, self))
     }
 
@@ -196,7 +197,7 @@ impl Solid {
 /// The grown obstacles of a world, found by place.
 #[derive(Debug)]
 pub(crate) struct Inflated {
-    solids: Vec<Solid>,
+    solids: Vec<InflatedSolid>,
     corners: Vec<Corner>,
     /// Squares between the nodes of this grid, each named by its lower left node.
     squares: Grid,
@@ -207,7 +208,7 @@ pub(crate) struct Inflated {
 
 impl Inflated {
     /// Sorts `solids` into squares over `bounds`, which holds every grown shape and every point that is asked about.
-    pub fn new(solids: Vec<Solid>, bounds: [f64; 4]) -> Self {
+    pub fn new(solids: Vec<InflatedSolid>, bounds: [f64; 4]) -> Self {
         let area = ((bounds[2] - bounds[0]) * (bounds[3] - bounds[1])).max(1e-6);
         let squares = Grid::around(bounds, (area / (64.0 + 4.0 * solids.len() as f64)).sqrt());
         let half = 0.5 * squares.cell;
@@ -263,7 +264,7 @@ impl Inflated {
     }
 
     /// The grown shapes.
-    pub fn solids(&self) -> &[Solid] {
+    pub fn solids(&self) -> &[InflatedSolid] {
         &self.solids
     }
 
@@ -321,7 +322,7 @@ impl Inflated {
     }
 
     /// Solids whose grown shape may meet the circle of this `center` and `radius`.
-    fn near_circle(&self, center: Point, radius: f64) -> Vec<&Solid> {
+    fn near_circle(&self, center: Point, radius: f64) -> Vec<&InflatedSolid> {
         let (first_column, first_row) = self.square_of([center[0] - radius, center[1] - radius]);
         let (last_column, last_row) = self.square_of([center[0] + radius, center[1] + radius]);
         let mut indices: Vec<u32> = Vec::new();
@@ -333,7 +334,7 @@ impl Inflated {
         indices.sort_unstable();
         indices.dedup();
         let touch = (1.0 + TOUCH) * radius;
-        let meets = |solid: &&Solid| apart(center, solid.center) <= touch + solid.reach + solid.extent;
+        let meets = |solid: &&InflatedSolid| apart(center, solid.center) <= touch + solid.reach + solid.extent;
         indices.into_iter().map(|index| &self.solids[index as usize]).filter(meets).collect()
     }
 
@@ -376,7 +377,7 @@ pub(crate) fn sweep(from: f64, to: f64, turn: f64) -> f64 {
 
 /// Appends the angles at which the circle of this `center` and `radius` meets the circles about the corners of
 /// `solid` and the lines beside its edges.
-fn add_crossings(angles: &mut Vec<f64>, solid: &Solid, center: Point, radius: f64) {
+fn add_crossings(angles: &mut Vec<f64>, solid: &InflatedSolid, center: Point, radius: f64) {
     let mut meet = |direction: Point, cosine: f64| {
         if cosine.abs() <= 1.0 + TOUCH {
             let (middle, half) = (libm::atan2(direction[1], direction[0]), libm::acos(cosine.clamp(-1.0, 1.0)));

@@ -8,7 +8,7 @@
 
 use super::goal_disc::GoalDisc;
 use super::guide::{Guide, TRUST};
-use super::inflated::{Inflated, Point, Solid, along, apart};
+use super::inflated::{Inflated, InflatedSolid, Point, along, apart};
 use super::taut_string::Search;
 use crate::world::Shape;
 
@@ -55,7 +55,7 @@ pub fn shortest_path(shapes: &[Shape], radius: f64, start: Point, goal: Point, g
 /// `shortest_path` where the straight line is blocked; `trust` is the share of the marched distance that is taken for a
 /// lower bound, 0 for a search that is led by the straight distance alone.
 pub(super) fn around(
-    solids: Vec<Solid>,
+    solids: Vec<InflatedSolid>,
     radius: f64,
     start: Point,
     goal: Point,
@@ -64,7 +64,7 @@ pub(super) fn around(
 ) -> Option<f64> {
     let mut bounds = [goal[0] - goal_radius, goal[1] - goal_radius, goal[0] + goal_radius, goal[1] + goal_radius];
     let points = [start[0], start[1], start[0], start[1]];
-    for [x0, y0, x1, y1] in solids.iter().map(Solid::bounds).chain([points]) {
+    for [x0, y0, x1, y1] in solids.iter().map(InflatedSolid::bounds).chain([points]) {
         bounds = [bounds[0].min(x0), bounds[1].min(y0), bounds[2].max(x1), bounds[3].max(y1)];
     }
     let world = Inflated::new(solids, bounds);
@@ -79,6 +79,6 @@ pub fn needs_detour(shapes: &[Shape], radius: f64, start: Point, goal: Point) ->
     grown(shapes, radius).iter().any(|solid| solid.clearance(start) < 0.0 || solid.crosses(start, goal))
 }
 
-fn grown(shapes: &[Shape], radius: f64) -> Vec<Solid> {
-    shapes.iter().map(|shape| Solid::new(shape, radius)).collect()
+fn grown(shapes: &[Shape], radius: f64) -> Vec<InflatedSolid> {
+    shapes.iter().map(|shape| InflatedSolid::new(shape, radius)).collect()
 }

@@ -83,7 +83,7 @@ pub struct Workspace {
 pub struct ObservationRow<'a> {
     /// Bins and the four numbers of `write_extra`.
     pub observation: &'a mut [f32],
-    /// Range of every beam, m.
+    /// Range of every beam, m; empty if nobody asks for them.
     pub ranges: &'a mut [f32],
 }
 
@@ -120,7 +120,11 @@ impl Task {
 
     /// Memory for one thread.
     pub fn workspace(&self) -> Workspace {
-        Workspace { scan: self.lidar.buffer(), layout: Layout::default() }
+        let layout = match &self.source {
+            Source::Generator(generator) => generator.layout(),
+            Source::Scenarios(_) => Layout::default(),
+        };
+        Workspace { scan: self.lidar.buffer(), layout }
     }
 
     /// Share of the world's free area that is cut off from the rest, in [0, 1]; 0 for given scenarios.
@@ -233,6 +237,24 @@ impl Task {
         workspace: &mut Workspace,
         row: &mut ObservationRow,
     ) -> (f64, f64) {
+        let ranges = self.scan(robot, episode, workspace);
+        if !row.ranges.is_empty() {
+            row.ranges.copy_from_slice(ranges);
+        }
+        let (bins, extra) = row.observation.split_at_mut(self.lidar.bins().len());
+        self.lidar.pool(&workspace.scan, bins);
+        let goal_polar = goal_in_robot(&episode.pose, episode.goal);
+        write_extra(goal_polar, episode.velocity, &self.config.robot, extra);
+        let nearest = bins.iter().fold(f32::INFINITY, |a, b| a.min(*b));
+        // A bin that lost all its beams is not clear; it is no obstacle either, to reward or end an episode by.
+        for bin in bins.iter_mut().filter(|bin| **bin == f32::INFINITY) {
+            *bin = 0.0;
+        }
+        (f64::from(nearest), goal_polar[0])
+    }
+
+    /// Ranges (m) that the lidar reports now: the same whenever it is asked for in a step.
+    pub fn scan<'w>(&self, robot: usize, episode: &Episode, workspace: &'w mut Workspace) -> &'w [f32] {
         let split = if self.scenario_count().is_some() { Split::Given } else { Split::Train };
         let stream = StreamName::new(self.seed, Purpose::Noise, split, robot as u32, episode.index);
         let around = Surroundings {
@@ -242,14 +264,7 @@ impl Task {
             center_distance: episode.clearance,
         };
         let noise = NoiseName { stream, scan: episode.statistics.steps };
-        let ranges = self.lidar.scan(&around, &noise, &mut workspace.scan);
-        row.ranges.copy_from_slice(ranges);
-        let (bins, extra) = row.observation.split_at_mut(self.lidar.bins().len());
-        self.lidar.bins().pool(ranges, bins);
-        let goal_polar = goal_in_robot(&episode.pose, episode.goal);
-        write_extra(goal_polar, episode.velocity, &self.config.robot, extra);
-        let nearest = bins.iter().fold(f32::INFINITY, |a, b| a.min(*b));
-        (f64::from(nearest), goal_polar[0])
+        self.lidar.scan(&around, &noise, &mut workspace.scan)
     }
 
     fn obstacles<'a>(&'a self, robot: usize, episode: &'a Episode) -> [&'a Obstacles; 2] {
@@ -272,6 +287,11 @@ impl Task {
 }
 
 impl Episode {
+    /// Asks for what a step reads to be brought near: robots follow each other, their shapes lie all over the memory.
+    pub fn prefetch(&self) {
+        self.obstacles.prefetch();
+    }
+
     /// Prepares the moved shapes for queries, after a draw or when a stored episode was read back.
     pub fn prepare_moved(&mut self) {
         self.obstacles.clear();

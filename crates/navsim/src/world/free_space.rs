@@ -23,8 +23,6 @@ pub(crate) struct FreeSpace {
     fine: Level,
     /// Cells of the fine grid that hang together and cover most of the area.
     largest: Vec<u64>,
-    /// Share of the free cells in the area that are not among them, in [0, 1].
-    cut_off: f64,
 }
 
 /// A grid and its free cells.
@@ -43,16 +41,15 @@ impl FreeSpace {
         let fine = Level::new(bounds, solids, radius, CELL * radius);
         let coarse = Level::new(bounds, solids, radius, COARSE_CELL * radius);
         let largest = largest_component(&fine.grid, &fine.free, area);
-        let mut space = Self { coarse, fine, largest, cut_off: 0.0 };
-        let free = |cells| space.centers(area).filter(|center| grid_holds(&space.fine.grid, cells, *center)).count();
-        let (all, kept) = (free(&space.fine.free), free(&space.largest));
-        space.cut_off = (all - kept) as f64 / all.max(1) as f64;
-        space
+        Self { coarse, fine, largest }
     }
 
-    /// Share of the area's free cells that cannot be reached from the kept part, in [0, 1].
-    pub fn cut_off(&self) -> f64 {
-        self.cut_off
+    /// Share of the free cells in `area` that cannot be reached from the kept part, in [0, 1].
+    pub fn cut_off(&self, area: [f64; 4]) -> f64 {
+        let grid = &self.fine.grid;
+        let count = |cells| self.centers(area).filter(|center| grid.is_set(cells, grid.cell_at(*center))).count();
+        let (free, kept) = (count(&self.fine.free), count(&self.largest));
+        (free - kept) as f64 / free.max(1) as f64
     }
 
     /// Clearance (m) that a point must have to be joined to the grids: rho of the fine one.
@@ -88,6 +85,12 @@ impl FreeSpace {
         })
     }
 
+    /// Memory that is large enough for any search here.
+    pub fn search(&self) -> Search {
+        let words = || vec![0; self.coarse.free.len().max(self.fine.free.len())];
+        Search { free: words(), reached: words() }
+    }
+
     /// Squared distance (m^2) within which a disc rolls from a point of sufficient clearance to the centre of a free
     /// cell of either grid: both have at least the clearance rho of the fine grid, so sqrt(2) h of the fine grid.
     fn squared_reach(&self) -> f64 {
@@ -105,10 +108,6 @@ impl Level {
         }
         Self { grid, inflation, free }
     }
-}
-
-fn grid_holds(grid: &Grid, cells: &[u64], point: [f64; 2]) -> bool {
-    grid.is_set(cells, grid.cell_at(point))
 }
 
 /// The free cell that holds `point`, or one beside it, with its centre within the squared distance (m^2) given.

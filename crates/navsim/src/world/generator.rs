@@ -119,12 +119,17 @@ impl Generator {
     /// Share of the free area in which no start or goal is drawn, because no way leads there from the largest connected
     /// part; in [0, 1].
     pub fn cut_off(&self) -> f64 {
-        self.free_space.cut_off()
+        self.free_space.cut_off(self.room.area)
     }
 
     /// What does not move, as shapes.
     pub fn static_shapes(&self) -> &[Shape] {
         &self.room.shapes
+    }
+
+    /// Memory for draws in this world.
+    pub fn layout(&self) -> Layout {
+        Layout { search: self.free_space.search(), ..Layout::default() }
     }
 
     /// Draws the robot's episode number `episode` from `stream`, which decides everything. Allocates nothing once

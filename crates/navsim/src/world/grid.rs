@@ -61,8 +61,8 @@ impl Grid {
     /// shape are cut once only, which clears up to 8 % of `inflation` too much there.
     pub fn block(&self, bits: &mut [u64], solid: &Solid, inflation: f64, exact: bool) {
         let outline = match &solid.form {
-            Form::Rounded(rounded) => Outline::Octagon(Octagon::new(solid.center, rounded, inflation)),
-            Form::Polygon(corners) => Outline::Polygon { corners, inflation },
+            Form::Rounded(rounded) => Border::Octagon(Octagon::new(solid.center, rounded, inflation)),
+            Form::Polygon(corners) => Border::Polygon { corners, inflation },
         };
         let (low, high) = outline.heights();
         for row in between((low - self.y0) / self.cell, (high - self.y0) / self.cell, self.rows) {
@@ -109,7 +109,7 @@ fn clear_bits(words: &mut [u64], first: usize, end: usize) {
 }
 
 /// A shape grown by `inflation`, as horizontal lines cut it.
-enum Outline<'a> {
+enum Border<'a> {
     Octagon(Octagon),
     Polygon { corners: &'a [[f64; 2]], inflation: f64 },
 }
@@ -146,7 +146,7 @@ impl Octagon {
     }
 }
 
-impl Outline<'_> {
+impl Border<'_> {
     /// Lowest and highest y.
     fn heights(&self) -> (f64, f64) {
         match self {

@@ -1,5 +1,6 @@
 //! Worlds: shapes, their prepared form, and where scenarios come from.
 
+mod blocks;
 mod distance;
 mod file;
 mod free_space;
@@ -11,10 +12,13 @@ mod outline;
 mod rooms;
 mod scenario;
 pub mod shapes;
+mod tree;
 
+pub(crate) use blocks::{BLOCK, Blocks, Lanes};
 pub use file::{RandomBoxes, WorldFile};
 pub use generator::{Generator, Layout};
 pub use obstacles::Obstacles;
-pub(crate) use outline::{Edge, Outline};
+pub(crate) use outline::Outline;
 pub use scenario::{Scenario, ScenarioList};
 pub use shapes::Shape;
+pub(crate) use tree::Tree;

@@ -1,7 +1,9 @@
 //! Shapes prepared for the questions of a step: how near is the nearest one, and what does a beam meet.
 
+use super::blocks::{BLOCK, Blocks, Lanes};
 use super::outline::Outline;
 use super::shapes::Shape;
+use crate::cpu::prefetch;
 use crate::robot::Footprint;
 use parry2d::bounding_volume::{Aabb, BoundingVolume};
 use parry2d::math::{Pose, Rotation, Vector};
@@ -19,7 +21,9 @@ const HIERARCHY_FROM: usize = 32;
 #[derive(Debug, Clone, Default)]
 pub struct Obstacles {
     placed: Vec<Placed>,
-    hierarchy: Option<Bvh>,
+    /// A disc around each shape: centre x, y and radius, m.
+    bounds: Blocks<3>,
+    hierarchy: Option<Box<Bvh>>,
     outline: Outline,
 }
 
@@ -29,15 +33,14 @@ enum Solid {
     Ball(Ball),
     Cuboid(Cuboid),
     Segment(Segment),
-    Polygon(ConvexPolygon),
+    /// Rare and large: apart, so that the others lie close together.
+    Polygon(Box<ConvexPolygon>),
 }
 
 #[derive(Debug, Clone)]
 struct Placed {
     solid: Solid,
     world_from_shape: Pose,
-    center: Vector,
-    bounding_radius: f32,
 }
 
 /// A point in parry's type.
@@ -61,14 +64,16 @@ impl Obstacles {
         }
         if shapes.len() >= HIERARCHY_FROM {
             let boxes: Vec<Aabb> = obstacles.placed.iter().map(Placed::aabb).collect();
-            obstacles.hierarchy = Some(Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes));
+            obstacles.hierarchy = Some(Box::new(Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes)));
         }
+        obstacles.outline.build_trees();
         obstacles
     }
 
     /// Removes all shapes and keeps the memory.
     pub fn clear(&mut self) {
         self.placed.clear();
+        self.bounds.clear();
         self.hierarchy = None;
         self.outline.clear();
     }
@@ -77,6 +82,7 @@ impl Obstacles {
     pub fn push(&mut self, shape: &Shape) {
         self.hierarchy = None;
         self.placed.push(Placed::new(shape));
+        self.bounds.push(bounding_disc(shape));
         self.outline.push(shape);
     }
 
@@ -88,6 +94,13 @@ impl Obstacles {
     /// Whether there is no shape.
     pub fn is_empty(&self) -> bool {
         self.placed.is_empty()
+    }
+
+    /// Asks for all of it to be brought near: the shapes of the next robot, while this one is stepped.
+    pub(crate) fn prefetch(&self) {
+        prefetch(&self.placed);
+        prefetch(self.bounds.blocks());
+        self.outline.prefetch();
     }
 
     /// Corners and circles in arrays, for the scan kernels.
@@ -107,9 +120,7 @@ impl Obstacles {
                 );
                 nearest.map_or(limit, |(_, distance)| distance)
             }
-            None => self.placed.iter().fold(limit, |nearest, placed| {
-                if placed.lower_bound(point) < nearest { nearest.min(placed.distance_to_point(point)) } else { nearest }
-            }),
+            None => self.nearest_by(point, 0.0, limit, |placed| placed.distance_to_point(point)),
         }
     }
 
@@ -138,20 +149,30 @@ impl Obstacles {
                 );
                 nearest.map_or(limit, |(_, distance)| distance)
             }
-            None => self.placed.iter().fold(limit, |nearest, placed| {
-                if placed.lower_bound(point) - reach < nearest { nearest.min(measure(placed)) } else { nearest }
-            }),
+            None => self.nearest_by(point, reach, limit, measure),
         }
+    }
+
+    /// The smallest `distance` of a shape from something that reaches `reach` m around `point`, or `limit` if none is
+    /// smaller. Asks only about shapes that come near enough: sixteen discs are looked at together.
+    fn nearest_by(&self, point: Vector, reach: f32, limit: f32, distance: impl Fn(&Placed) -> f32) -> f32 {
+        let mut nearest = limit;
+        for (discs, placed) in self.bounds.blocks().iter().zip(self.placed.chunks(BLOCK)) {
+            let gaps = gaps_to_discs(discs, point, reach);
+            for (gap, placed) in gaps.iter().zip(placed) {
+                if *gap < nearest {
+                    nearest = nearest.min(distance(placed));
+                }
+            }
+        }
+        nearest
     }
 
     /// Whether `point` lies inside a solid shape (walls have no inside).
     pub fn contains(&self, point: [f64; 2]) -> bool {
         let point = vector(point);
-        let inside = |placed: &Placed| {
-            !matches!(placed.solid, Solid::Segment(_))
-                && placed.lower_bound(point) <= 0.0
-                && placed.distance_to_point(point) <= 0.0
-        };
+        let inside =
+            |placed: &Placed| !matches!(placed.solid, Solid::Segment(_)) && placed.distance_to_point(point) <= 0.0;
         match &self.hierarchy {
             Some(hierarchy) => {
                 let own = Aabb::new(point, point);
@@ -178,6 +199,26 @@ impl Obstacles {
     }
 }
 
+/// A disc that certainly holds `shape`: centre x, y and radius, m.
+fn bounding_disc(shape: &Shape) -> [f32; 3] {
+    let [x0, y0, x1, y1] = shape.bounds();
+    let center = vector([0.5 * (x0 + x1), 0.5 * (y0 + y1)]);
+    // A circle's box has a larger diagonal than the circle needs; the bound only has to hold.
+    let radius = match shape {
+        Shape::Circle { radius, .. } => *radius as f32,
+        _ => 0.5 * libm::hypot(x1 - x0, y1 - y0) as f32,
+    };
+    [center.x, center.y, radius * 1.000_001 + 1e-6]
+}
+
+/// Distances (m) from sixteen discs to one of radius `reach` around `point`; negative where they overlap.
+fn gaps_to_discs([x, y, radius]: &[Lanes; 3], point: Vector, reach: f32) -> [f32; BLOCK] {
+    std::array::from_fn(|i| {
+        let (dx, dy) = (point.x - x.0[i], point.y - y.0[i]);
+        (dx * dx + dy * dy).sqrt() - radius.0[i] - reach
+    })
+}
+
 /// Distance between two axis-parallel boxes: a lower bound of the distance of what they hold.
 fn aabb_distance(a: &Aabb, b: &Aabb) -> f32 {
     let gap = (b.mins - a.maxs).max(a.mins - b.maxs).max(Vector::ZERO);
@@ -198,7 +239,7 @@ impl Placed {
             Shape::Polygon { points } => {
                 let corners: Vec<Vector> = points.iter().copied().map(vector).collect();
                 match ConvexPolygon::from_convex_polyline_unmodified(corners) {
-                    Some(polygon) => (Solid::Polygon(polygon), Pose::identity()),
+                    Some(polygon) => (Solid::Polygon(Box::new(polygon)), Pose::identity()),
                     // Corners that fall together in single precision leave a sliver: its longest diagonal.
                     None => (
                         Solid::Segment(Segment::new(vector(points[0]), vector(points[points.len() / 2]))),
@@ -207,14 +248,7 @@ impl Placed {
                 }
             }
         };
-        let [x0, y0, x1, y1] = shape.bounds();
-        let center = vector([0.5 * (x0 + x1), 0.5 * (y0 + y1)]);
-        // A circle's box has a larger diagonal than the circle needs; the bound only has to hold.
-        let bounding_radius = match shape {
-            Shape::Circle { radius, .. } => *radius as f32,
-            _ => 0.5 * libm::hypot(x1 - x0, y1 - y0) as f32,
-        };
-        Self { solid, world_from_shape, center, bounding_radius: bounding_radius * 1.000_001 + 1e-6 }
+        Self { solid, world_from_shape }
     }
 
     fn shape(&self) -> &dyn ParryShape {
@@ -222,16 +256,12 @@ impl Placed {
             Solid::Ball(ball) => ball,
             Solid::Cuboid(cuboid) => cuboid,
             Solid::Segment(segment) => segment,
-            Solid::Polygon(polygon) => polygon,
+            Solid::Polygon(polygon) => &**polygon,
         }
     }
 
     fn aabb(&self) -> Aabb {
         self.shape().compute_aabb(&self.world_from_shape).loosened(1e-5)
-    }
-
-    fn lower_bound(&self, point: Vector) -> f32 {
-        (point - self.center).length() - self.bounding_radius
     }
 
     fn distance_to_point(&self, point: Vector) -> f32 {

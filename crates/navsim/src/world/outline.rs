@@ -1,83 +1,90 @@
 //! The outline of a set of shapes in arrays of single precision, as the scan kernels read it.
 
-use super::shapes::{Shape, box_corners};
+use super::blocks::Blocks;
+use super::shapes::Shape;
+use crate::cpu::prefetch;
 
-/// What the edge from one corner slot to the next is; as wide as the coordinates, so that loops over both vectorise.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub(crate) enum Edge {
-    /// No edge: the next slot belongs to another shape.
-    None = 0,
-    /// An edge of a solid shape, seen only from its right side (corners run counter-clockwise).
-    Solid = 1,
-    /// A wall, seen from both sides.
-    Wall = 2,
-}
+/// From this many blocks on, a tree beats one block after the other.
+const TREE_FROM: usize = 8;
 
-/// Corners and circles of a set of shapes.
-///
-/// Corners of one shape follow each other; a closed shape repeats its first corner at the end, so that the edge of slot
-/// i always runs from slot i to slot i + 1 and neighbours share bit-equal ends: no beam passes between them.
+/// Boxes, edges and circles of a set of shapes.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Outline {
-    pub corner_x: Vec<f32>,
-    pub corner_y: Vec<f32>,
-    /// Difference to the next corner, rounded once from double precision.
-    pub edge_x: Vec<f32>,
-    pub edge_y: Vec<f32>,
-    pub edge: Vec<Edge>,
-    pub circle_x: Vec<f32>,
-    pub circle_y: Vec<f32>,
-    pub circle_radius: Vec<f32>,
+    /// Opposite faces of boxes: centre of the box x, y, from there to the end of a face along x, y, and to its middle
+    /// across x, y, m. A box has two members, in which the last two pairs change places. An unused place is all zero.
+    pub faces: Blocks<6>,
+    /// Edges of polygons and walls: from x, y, to x, y (m), their difference along x, y (rounded once from double precision), and `back`.
+    ///
+    /// Neighbours share bit-equal ends, so that no beam passes between them. An edge is seen when the cross product
+    /// from x along, as the lidar has it, is negative or greater than `back`: infinity for the edge of a solid, whose
+    /// corners run counter-clockwise, 0 for a wall. An unused place is an edge without length, which is never seen.
+    pub edges: Blocks<7>,
+    /// Circles: centre x, y and radius, m. An unused place has radius 0.
+    pub circles: Blocks<3>,
 }
 
 impl Outline {
     /// Removes everything and keeps the memory.
     pub fn clear(&mut self) {
-        for values in [
-            &mut self.corner_x,
-            &mut self.corner_y,
-            &mut self.edge_x,
-            &mut self.edge_y,
-            &mut self.circle_x,
-            &mut self.circle_y,
-            &mut self.circle_radius,
-        ] {
-            values.clear();
-        }
-        self.edge.clear();
+        self.faces.clear();
+        self.edges.clear();
+        self.circles.clear();
+    }
+
+    /// Asks for all of it to be brought near.
+    pub fn prefetch(&self) {
+        prefetch(self.faces.blocks());
+        prefetch(self.edges.blocks());
+        prefetch(self.circles.blocks());
     }
 
     /// Adds a shape.
     pub fn push(&mut self, shape: &Shape) {
         match shape {
             Shape::Circle { center, radius } => {
-                self.circle_x.push(center[0] as f32);
-                self.circle_y.push(center[1] as f32);
-                self.circle_radius.push(*radius as f32);
+                self.circles.push([center[0] as f32, center[1] as f32, *radius as f32]);
             }
-            Shape::Box { center, yaw, length, width } => self.push_closed(&box_corners(*center, *yaw, *length, *width)),
-            Shape::Segment { a, b } => {
-                self.push_corner(*a, *b, Edge::Wall);
-                self.push_corner(*b, *b, Edge::None);
-            }
+            Shape::Box { center, yaw, length, width } => self.push_box(*center, *yaw, 0.5 * length, 0.5 * width),
+            Shape::Segment { a, b } => self.push_edge(*a, *b, 0.0),
             Shape::Polygon { points } => self.push_closed(points),
         }
     }
 
-    fn push_closed(&mut self, corners: &[[f64; 2]]) {
-        for (i, corner) in corners.iter().enumerate() {
-            self.push_corner(*corner, corners[(i + 1) % corners.len()], Edge::Solid);
+    /// Builds trees where there is enough for them.
+    pub fn build_trees(&mut self) {
+        if self.faces.blocks().len() >= TREE_FROM {
+            self.faces.build_tree(|[x, y, along_x, along_y, across_x, across_y]| {
+                let (width, height) = (along_x.abs() + across_x.abs(), along_y.abs() + across_y.abs());
+                [x - width, y - height, x + width, y + height]
+            });
         }
-        self.push_corner(corners[0], corners[0], Edge::None);
+        if self.edges.blocks().len() >= TREE_FROM {
+            self.edges.build_tree(|[ax, ay, bx, by, ..]| [ax.min(*bx), ay.min(*by), ax.max(*bx), ay.max(*by)]);
+        }
+        if self.circles.blocks().len() >= TREE_FROM {
+            self.circles.build_tree(|[x, y, radius]| [x - radius, y - radius, x + radius, y + radius]);
+        }
     }
 
-    fn push_corner(&mut self, corner: [f64; 2], next: [f64; 2], edge: Edge) {
-        self.corner_x.push(corner[0] as f32);
-        self.corner_y.push(corner[1] as f32);
-        self.edge_x.push((next[0] - corner[0]) as f32);
-        self.edge_y.push((next[1] - corner[1]) as f32);
-        self.edge.push(edge);
+    fn push_box(&mut self, center: [f64; 2], yaw: f64, half_length: f64, half_width: f64) {
+        let (sin, cos) = libm::sincos(yaw);
+        let [x, y] = center.map(|c| c as f32);
+        let (along_x, along_y) = ((half_length * cos) as f32, (half_length * sin) as f32);
+        let (across_x, across_y) = ((-half_width * sin) as f32, (half_width * cos) as f32);
+        self.faces.push([x, y, along_x, along_y, across_x, across_y]);
+        self.faces.push([x, y, across_x, across_y, along_x, along_y]);
+    }
+
+    fn push_closed(&mut self, corners: &[[f64; 2]]) {
+        for (i, corner) in corners.iter().enumerate() {
+            let next = if i + 1 < corners.len() { i + 1 } else { 0 };
+            self.push_edge(*corner, corners[next], f32::INFINITY);
+        }
+    }
+
+    fn push_edge(&mut self, from: [f64; 2], to: [f64; 2], back: f32) {
+        let along = [(to[0] - from[0]) as f32, (to[1] - from[1]) as f32];
+        self.edges.push([from[0] as f32, from[1] as f32, to[0] as f32, to[1] as f32, along[0], along[1], back]);
     }
 }
 
@@ -86,16 +93,32 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_closed_shape_repeats_its_first_corner_and_a_wall_has_one_edge() {
+    fn neighbours_share_their_ends_and_a_wall_has_one_edge() {
         let mut outline = Outline::default();
-        outline.push(&Shape::Box { center: [1.0, 2.0], yaw: 0.3, length: 2.0, width: 1.0 });
+        outline.push(&Shape::Polygon { points: vec![[0.1, 0.2], [2.3, 0.4], [0.5, 1.7]] });
         outline.push(&Shape::Segment { a: [0.0, 0.0], b: [1.0, 0.0] });
         outline.push(&Shape::Circle { center: [0.0, 0.0], radius: 1.0 });
-        use Edge::{None, Solid, Wall};
-        assert_eq!(outline.edge, [Solid, Solid, Solid, Solid, None, Wall, None]);
-        assert_eq!(outline.corner_x[0].to_bits(), outline.corner_x[4].to_bits());
-        assert_eq!(outline.circle_radius, [1.0]);
+        let [from_x, from_y, to_x, to_y, along_x, along_y, back] = &outline.edges.blocks()[0];
+        for (from, to) in [(from_x.0, to_x.0), (from_y.0, to_y.0)] {
+            assert_eq!([to[0], to[1], to[2]], [from[1], from[2], from[0]]);
+        }
+        assert_eq!(back.0[..5], [f32::INFINITY, f32::INFINITY, f32::INFINITY, 0.0, 0.0]);
+        assert_eq!((along_x.0[3], along_y.0[3]), (1.0, 0.0));
+        assert!(along_x.0[4..].iter().chain(&along_y.0[4..]).all(|e| *e == 0.0));
+        assert_eq!(outline.circles.blocks()[0][2].0[..2], [1.0, 0.0]);
         outline.clear();
-        assert!(outline.corner_x.is_empty() && outline.circle_x.is_empty());
+        assert!(outline.edges.blocks().is_empty() && outline.circles.blocks().is_empty());
+    }
+
+    #[test]
+    fn a_box_has_two_pairs_of_faces() {
+        let mut outline = Outline::default();
+        outline.push(&Shape::Box { center: [1.0, 2.0], yaw: std::f64::consts::FRAC_PI_2, length: 3.0, width: 1.0 });
+        let faces = outline.faces.blocks()[0].map(|row| row.0);
+        let member = |i: usize| faces.map(|row| row[i]);
+        let near = |a: [f32; 6], b: [f32; 6]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-7);
+        assert!(near(member(0), [1.0, 2.0, 0.0, 1.5, -0.5, 0.0]));
+        assert!(near(member(1), [1.0, 2.0, -0.5, 0.0, 0.0, 1.5]));
+        assert_eq!(member(2), [0.0; 6]);
     }
 }

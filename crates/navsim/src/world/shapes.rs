@@ -136,11 +136,16 @@ impl Shape {
 
     /// Smallest axis-parallel rectangle around the shape: [x0, y0, x1, y1], metres.
     pub fn bounds(&self) -> [f64; 4] {
-        if let Shape::Circle { center: [x, y], radius } = self {
-            return [x - radius, y - radius, x + radius, y + radius];
+        let around = |corners: &[[f64; 2]]| {
+            let start = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+            corners.iter().fold(start, |[x0, y0, x1, y1], [x, y]| [x0.min(*x), y0.min(*y), x1.max(*x), y1.max(*y)])
+        };
+        match self {
+            Shape::Circle { center: [x, y], radius } => [x - radius, y - radius, x + radius, y + radius],
+            Shape::Box { center, yaw, length, width } => around(&box_corners(*center, *yaw, *length, *width)),
+            Shape::Segment { a, b } => around(&[*a, *b]),
+            Shape::Polygon { points } => around(points),
         }
-        let start = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
-        self.corners().iter().fold(start, |[x0, y0, x1, y1], [x, y]| [x0.min(*x), y0.min(*y), x1.max(*x), y1.max(*y)])
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::super::goal_disc::GoalDisc;
 use super::super::guide::Guide;
-use super::super::inflated::{Inflated, Solid};
+use super::super::inflated::{Inflated, InflatedSolid};
 use super::super::{Field, Grid, needs_detour, shortest_path};
 use super::{Point, room, stream};
 use crate::pose::Pose;
@@ -228,7 +228,7 @@ fn the_guide_finds_corridors_without_play_and_is_not_long_in_them() {
         let pose = Pose::new(random.unit(), random.unit(), random.uniform(-PI, PI));
         let (length, radius, play) = (random.uniform(1.0, 20.0), 0.25, [1e-6, 0.02, 0.1][seed as usize % 3]);
         let wall = |y: f64| Shape::Segment { a: pose.transform([0.0, y]), b: pose.transform([length, y]) };
-        let solids = [-1.0, 1.0].map(|side| Solid::new(&wall(side * (radius + 0.5 * play)), radius)).to_vec();
+        let solids = [-1.0, 1.0].map(|side| InflatedSolid::new(&wall(side * (radius + 0.5 * play)), radius)).to_vec();
         let (start, goal) = (pose.transform([-0.5, 0.0]), pose.transform([length + 0.5, 0.0]));
         let bounds = [-25.0, -25.0, 25.0, 25.0];
         let world = Inflated::new(solids, bounds);

@@ -1,9 +1,13 @@
-//! Tests of the planners: `analytic` with lengths known by hand, `random` against a search of another kind;
-//! `timing` prints how long they take.
+//! Tests of the planners: `analytic` with lengths known by hand, `random` against a search of another kind, `maps` and
+//! `grids` against brute force, `plans` by an independent check of every path, `trees` and `guides`.
 
 mod analytic;
+mod grids;
+mod guides;
+mod maps;
+mod plans;
 mod random;
-mod timing;
+mod trees;
 
 use crate::rng::{Purpose, Split, Stream, StreamName};
 use crate::world::Shape;

@@ -1,7 +1,7 @@
 //! Random worlds: against a visibility graph of sampled arcs, against the same search without a guide, and the
 //! properties that every shortest path has.
 
-use super::super::inflated::{Solid, apart};
+use super::super::inflated::{InflatedSolid, apart};
 use super::super::shortest_path::around;
 use super::super::{needs_detour, shortest_path};
 use super::{Point, room, stream};
@@ -11,7 +11,7 @@ use crate::world::shapes::turn;
 use std::f64::consts::{PI, TAU};
 
 /// A world, as the reference sees it: edges and the distance that is kept from them.
-struct Plain(Vec<(Vec<(Point, Point)>, f64)>);
+pub(super) struct Plain(Vec<(Vec<(Point, Point)>, f64)>);
 
 fn to_edge(p: Point, a: Point, b: Point) -> f64 {
     let (edge, offset) = ([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]]);
@@ -21,7 +21,7 @@ fn to_edge(p: Point, a: Point, b: Point) -> f64 {
 }
 
 impl Plain {
-    fn new(shapes: &[Shape], radius: f64) -> Self {
+    pub fn new(shapes: &[Shape], radius: f64) -> Self {
         let edges = |shape: &Shape| match shape {
             Shape::Circle { center, radius: own } => (vec![(*center, *center)], radius + own),
             _ => {
@@ -32,14 +32,14 @@ impl Plain {
         Self(shapes.iter().map(edges).collect())
     }
 
-    fn is_free(&self, p: Point) -> bool {
+    pub fn is_free(&self, p: Point) -> bool {
         self.0.iter().all(|(edges, reach)| {
             let inside = edges.len() > 2 && edges.iter().all(|(a, b)| turn(*a, *b, p) > 0.0);
             !inside && edges.iter().all(|(a, b)| to_edge(p, *a, *b) >= reach - 1e-10)
         })
     }
 
-    fn sees(&self, p: Point, q: Point) -> bool {
+    pub fn sees(&self, p: Point, q: Point) -> bool {
         self.0.iter().all(|(edges, reach)| {
             edges.iter().all(|(a, b)| {
                 let crossed = turn(p, q, *a) * turn(p, q, *b) < 0.0 && turn(*a, *b, p) * turn(*a, *b, q) < 0.0;
@@ -123,16 +123,16 @@ fn random_shape(random: &mut Stream, half: f64) -> Shape {
 }
 
 /// A random world with its robot: shapes, radius, start and goal (both free), goal radius.
-struct World {
-    shapes: Vec<Shape>,
-    radius: f64,
-    start: Point,
-    goal: Point,
-    goal_radius: f64,
+pub(super) struct World {
+    pub shapes: Vec<Shape>,
+    pub radius: f64,
+    pub start: Point,
+    pub goal: Point,
+    pub goal_radius: f64,
 }
 
 impl World {
-    fn new(seed: u64, count: usize) -> Self {
+    pub fn new(seed: u64, count: usize) -> Self {
         let mut random = stream(seed);
         let mut shapes: Vec<Shape> = (0..count).map(|_| random_shape(&mut random, 3.0)).collect();
         if seed.is_multiple_of(2) {
@@ -150,7 +150,7 @@ impl World {
         Self { shapes, radius, start, goal, goal_radius: if seed.is_multiple_of(3) { 0.01 } else { 0.3 } }
     }
 
-    fn length(&self) -> Option<f64> {
+    pub fn length(&self) -> Option<f64> {
         shortest_path(&self.shapes, self.radius, self.start, self.goal, self.goal_radius)
     }
 }
@@ -189,7 +189,7 @@ fn the_guide_changes_nothing() {
         if apart(start, goal) <= goal_radius {
             continue;
         }
-        let solids: Vec<Solid> = world.shapes.iter().map(|shape| Solid::new(shape, radius)).collect();
+        let solids: Vec<InflatedSolid> = world.shapes.iter().map(|shape| InflatedSolid::new(shape, radius)).collect();
         let blind = around(solids, radius, start, goal, goal_radius, 0.0);
         match (world.length(), blind) {
             (Some(guided), Some(blind)) => assert!((guided - blind).abs() < 1e-9, "seed {seed}: {guided} {blind}"),

@@ -1,15 +1,9 @@
-//! Which instruction set a kernel runs on, chosen at run time. The only module of the crate with unsafe code.
+//! Instruction sets, and kernels that are compiled for each of them.
 //!
 //! A wheel is built for plain x86-64; the kernels are compiled again for AVX2 and AVX-512 and give the same bits there.
 //! The environment variable `NAVRL_ISA` (`baseline`, `avx2`, `avx512`) forces a lower one, for tests and comparisons.
 
-#![allow(unsafe_code)]
-
-use super::fan::Fan;
-use super::noise::{self, Noise};
-use super::raster::{self, Scratch, View};
 use crate::error::{Error, Result};
-use crate::world::Outline;
 
 /// An instruction set that the kernels are compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -73,35 +67,46 @@ impl Isa {
     }
 }
 
-/// Compiles a kernel for every instruction set and calls the body that `isa` names.
-macro_rules! dispatched {
-    ($name:ident => $kernel:path, ($($argument:ident: $type:ty),*)) => {
-        pub(super) fn $name(isa: Isa, $($argument: $type),*) {
-            #[cfg(target_arch = "x86_64")]
-            {
-                #[target_feature(enable = "avx2,bmi2")]
-                fn avx2($($argument: $type),*) {
-                    $kernel($($argument),*)
-                }
-                #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,bmi2")]
-                fn avx512($($argument: $type),*) {
-                    $kernel($($argument),*)
-                }
-                match isa.min(Isa::detect()) {
-                    // SAFETY: `isa` is at most what `detect` found on this machine, which tests each enabled feature.
-                    Isa::Avx512 => return unsafe { avx512($($argument),*) },
-                    // SAFETY: as above.
-                    Isa::Avx2 => return unsafe { avx2($($argument),*) },
-                    Isa::Baseline => {}
-                }
-            }
-            let _ = isa;
-            $kernel($($argument),*)
-        }
-    };
+/// An instruction set that this machine has.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Path(Isa);
+
+/// Work that is compiled for every instruction set.
+pub(crate) trait Kernel {
+    /// Does it. Implementations, and what they call, are `#[inline(always)]`: only what is inlined is compiled again.
+    fn run(self);
 }
 
-dispatched!(scan => raster::scan, (
-    outlines: [&Outline; 2], view: View, fan: &Fan, range_max: f32, scratch: &mut Scratch, ranges: &mut [f32]
-));
-dispatched!(add_noise => noise::add, (noise: &Noise, first_block: u32, ranges: &mut [f32]));
+impl Path {
+    /// The path for `isa`, or for the machine's best if that is lower.
+    pub fn new(isa: Isa) -> Self {
+        Self(isa.min(Isa::detect()))
+    }
+
+    /// Runs the body of `kernel` that was compiled for this path.
+    #[inline]
+    pub fn run(self, kernel: impl Kernel) {
+        #[cfg(target_arch = "x86_64")]
+        match self.0 {
+            // SAFETY: `new` lets no instruction set pass that is above what `detect` found on this machine, and `detect`
+            // asks for each of the features.
+            Isa::Avx512 => return unsafe { avx512(kernel) },
+            // SAFETY: as above.
+            Isa::Avx2 => return unsafe { avx2(kernel) },
+            Isa::Baseline => {}
+        }
+        kernel.run();
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi2")]
+fn avx2(kernel: impl Kernel) {
+    kernel.run();
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,bmi2")]
+fn avx512(kernel: impl Kernel) {
+    kernel.run();
+}

@@ -1,0 +1,81 @@
+//! Rows of numbers in blocks of sixteen members, as the scan kernels read them.
+
+use super::tree::{Tree, arrange};
+
+/// Edges, circles and beams are handled in blocks of this many: one AVX-512 register, two of AVX2, four of the baseline.
+pub(crate) const BLOCK: usize = 16;
+
+/// One number for each member of a block, where the widest register loads it at once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(align(64))]
+pub(crate) struct Lanes(pub [f32; BLOCK]);
+
+impl Lanes {
+    /// The same number everywhere.
+    pub const fn all(value: f32) -> Self {
+        Self([value; BLOCK])
+    }
+}
+
+/// Members of `N` numbers each, sixteen to a block; unused places of the last block are zero.
+#[derive(Debug, Clone)]
+pub(crate) struct Blocks<const N: usize> {
+    blocks: Vec<[Lanes; N]>,
+    len: usize,
+    tree: Option<Box<Tree>>,
+}
+
+impl<const N: usize> Default for Blocks<N> {
+    fn default() -> Self {
+        Self { blocks: Vec::new(), len: 0, tree: None }
+    }
+}
+
+impl<const N: usize> Blocks<N> {
+    /// Removes everything and keeps the memory.
+    pub fn clear(&mut self) {
+        self.blocks.clear();
+        self.len = 0;
+        self.tree = None;
+    }
+
+    /// Adds a member.
+    pub fn push(&mut self, member: [f32; N]) {
+        let lane = self.len % BLOCK;
+        if lane == 0 {
+            self.blocks.push([Lanes::all(0.0); N]);
+        }
+        if let Some(block) = self.blocks.last_mut() {
+            for (row, value) in block.iter_mut().zip(member) {
+                row.0[lane] = value;
+            }
+        }
+        self.len += 1;
+        self.tree = None;
+    }
+
+    /// The blocks.
+    #[inline(always)]
+    pub fn blocks(&self) -> &[[Lanes; N]] {
+        &self.blocks
+    }
+
+    /// The tree whose leaves are the blocks, after `build_tree`.
+    #[inline(always)]
+    pub fn tree(&self) -> Option<&Tree> {
+        self.tree.as_deref()
+    }
+
+    /// Reorders the members by place and builds a tree over them; `bounds` gives a member's [x0, y0, x1, y1], m. The
+    /// next `push` removes the tree.
+    pub fn build_tree(&mut self, bounds: fn(&[f32; N]) -> [f32; 4]) {
+        let member = |i: usize| std::array::from_fn(|row| self.blocks[i / BLOCK][row].0[i % BLOCK]);
+        let mut members: Vec<[f32; N]> = (0..self.len).map(member).collect();
+        arrange(&mut members, bounds);
+        self.clear();
+        for member in &members {
+            self.push(*member);
+        }
+        self.tree = Some(Box::new(Tree::new(members.iter().map(bounds))));
+    }
+}
