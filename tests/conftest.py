@@ -6,7 +6,10 @@ from typing import Any
 
 import pytest
 
+from navrl.comparing import timing
+from navrl.config import SimConfig
 from navrl.running.session import train
+from navrl.scenarios import ScenarioList, load_list
 from short_runs import PRESETS, outcome, small
 
 
@@ -35,3 +38,17 @@ def config_file(tmp_path: Path) -> Writer:
         return path
 
     return write
+
+
+@pytest.fixture
+def quick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few timed decisions, and a cache of lengths that nobody else has."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(timing, "CALLS", 20)
+    monkeypatch.setattr(timing, "WARM_UP", 5)
+
+
+@pytest.fixture(scope="session")
+def drawn() -> ScenarioList:
+    """The first test scenarios of "td3"."""
+    return load_list(SimConfig(), "test", count=12)

@@ -27,6 +27,7 @@ def stages(line: str) -> list[str]:
 def test_the_flow_is_the_same_everywhere() -> None:
     line = flow("README.md")
     assert line.startswith(FLOW)
+    assert line.endswith(" -> td3 -> train -> evaluate -> compare -> policy")
     assert flow("docs/architecture.md") == line
     assert line.startswith(flow("crates/navsim/src/lib.rs"))
 

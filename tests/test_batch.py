@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from navrl.batch import BatchSim, Scenario, draw_list
-from navrl.config import LidarConfig, SimConfig, WorldConfig
+from navrl.config import LidarConfig, RobotConfig, SimConfig, WorldConfig
 
 SHAPES = {
     "observations": ((3, 24), np.float32),
@@ -186,6 +187,25 @@ def test_masks_are_checked() -> None:
     np.testing.assert_array_equal(sim.episodes, [1, 0, 1])
 
 
+def test_every_byte_of_a_mask_but_0_is_true() -> None:
+    sim = BatchSim(num_envs=6, autoreset=False)
+    sim.reset(np.array([0, 1, 2, 127, 128, 255], np.uint8).view(bool))
+    assert sim.episodes.tolist() == [0, 1, 1, 1, 1, 1]
+    sim.reset(np.array([2, 0, 2, 0, 2, 0, 2, 0, 2, 0, 2, 0], np.uint8).view(bool)[::2])
+    assert sim.episodes.tolist() == [1, 2, 2, 2, 2, 2]
+
+
+@pytest.mark.parametrize("number", ["1e308", "-1e13", "1e400"])
+def test_a_state_with_impossible_numbers_is_refused(number: str) -> None:
+    sim = BatchSim(num_envs=2)
+    state = sim.state()
+    edited = re.sub(rb'"pose":\{"x":[^,]*', f'"pose":{{"x":{number}'.encode(), state, count=1)
+    assert edited != state
+    with pytest.raises(ValueError, match=r"simulator state: .*(pose|number out of range)"):
+        sim.restore(edited)
+    assert sim.state() == state
+
+
 def test_robots_do_not_depend_on_batch_or_threads() -> None:
     sims = [BatchSim(num_envs=n, seed=2, num_threads=t) for n, t in ((1, 1), (64, 1), (64, 2))]
     for step in range(400):
@@ -213,6 +233,32 @@ def test_a_state_is_restored_bit_for_bit() -> None:
     assert sim.state() == other.state()
     with pytest.raises(ValueError, match="simulator state"):
         sim.restore(b"nonsense")
+
+
+def test_late_commands_and_odometry_are_configured_seen_and_restored() -> None:
+    sim = SimConfig(robot=RobotConfig(delay_steps=1, odometry_noise=0.1))
+    first, second = (BatchSim(sim, num_envs=5, num_threads=threads) for threads in (1, 2))
+    forward = np.tile(np.array([1, 0.3], np.float32), (5, 1))
+    first.step(forward)
+    assert not first.velocities.any()
+    assert np.array_equal(first.odometry, first.poses)
+    for _ in range(10):
+        first.step(forward)
+    assert first.velocities[0].tolist() == pytest.approx([0.5, 0.3])
+    believed, goals = first.odometry, first.goals
+    assert (believed != first.poses).any(axis=1).all()
+    seen = np.hypot(goals[:, 0] - believed[:, 0], goals[:, 1] - believed[:, 1])
+    assert first.observations[:, -4] == pytest.approx(seen, rel=1e-6)
+    assert (first.clearances >= first.episode_clearance).all()
+    # Copies: a step leaves them as they were.
+    before = believed.copy()
+    second.restore(first.state())
+    for _ in range(30):
+        first.step(forward)
+        second.step(forward)
+    assert np.array_equal(believed, before)
+    assert np.array_equal(first.odometry, second.odometry)
+    assert np.array_equal(first.observations, second.observations)
 
 
 def test_seeds_share_no_world() -> None:

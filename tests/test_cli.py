@@ -101,6 +101,7 @@ REFUSALS = {
     "train --algorithm ddgp": '--algorithm: learner.algorithm = "ddgp": must be "td3" or "ddpg"; did you mean ddpg?',
     "train --until 1.5": "--until: training.until = 1.5: must be a number in [0, 1)",
     "train --learner.tau": "--learner.tau: expects a value",
+    "train --learner.tau --steps 512": "--learner.tau: expects a value",
     "train --learner.tau 2": "--learner.tau: learner.tau = 2: must be a number in (0, 1]",
     "train --learner.taus 2": "--learner.taus: learner.taus: no such key; did you mean learner.tau?",
     "train --lidar.bins=181": "--lidar.bins: lidar.bins = 181: must be at most beams = 180",
@@ -238,6 +239,11 @@ def test_config_check_names_file_key_value_range_and_nearest_key(tmp_path: Path)
     assert refused("config", "check", "bad.toml", cwd=tmp_path) == (
         "bad.toml: learner.critic_lr = 2: must be a number in (0, 1]"
     )
+
+
+def test_lists_in_lists_in_lists_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "deep.toml").write_text("[learner]\ntau = " + "[" * 341 + "]" * 341)
+    assert "learner.tau = lists in lists" in refused("config", "check", "deep.toml", cwd=tmp_path)
 
 
 def test_config_loads_neither_numpy_nor_torch() -> None:

@@ -27,6 +27,8 @@ SMALL = [
 SCORES = (
     *("list", "list_sha256", "episodes", "success_rate", "success_ci95", "collision_rate", "collision_ci95"),
     *("timeout_rate", "timeout_ci95", "average_return", "spl", "time_to_goal_s", "path_length_m", "min_clearance_m"),
+    *("path_ratio", "p5_clearance_m", "jerk_m_s3", "omega_change_rad_s", "turning_share"),
+    *("detour_episodes", "detour_success_rate", "detour_success_ci95", "detour_spl"),
 )
 
 
@@ -86,6 +88,7 @@ def test_eval_reports_scores_and_episodes(policy: Path, tmp_path: Path) -> None:
     assert record["summary"]["list"] == "test"
     assert [episode["index"] for episode in record["episodes"]] == list(range(20))
     keys = ["index", "outcome", "steps", "time_s", "path_m", "shortest_m", "return", "min_clearance_m"]
+    keys += ["p5_clearance_m", "jerk_m_s3", "omega_change_rad_s", "turning_share", "needs_detour"]
     assert all(list(episode) == keys for episode in record["episodes"])
 
 
@@ -211,6 +214,17 @@ def test_a_finished_run_says_so_and_steps_extend_it(run: Path, tmp_path: Path) -
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["env_steps"] == 2400
 
 
+def test_a_damaged_summary_is_written_again(run: Path, tmp_path: Path) -> None:
+    import shutil
+
+    copy = tmp_path / "copy"
+    shutil.copytree(run, copy)
+    for damage in ("{}", "[]", "5", "[" * 100_000):
+        (copy / "summary.json").write_text(damage)
+        navrl("train", "--resume", copy)
+        assert json.loads((copy / "summary.json").read_text())["updates"] > 0
+
+
 def test_a_run_folder_is_not_overwritten(run: Path) -> None:
     done = navrl("train", *SMALL, "--out", run, code=2)
     assert done.stderr == f"navrl: --out {run}: is not empty; to continue the run there: navrl train --resume {run}\n"
@@ -323,6 +337,22 @@ def test_results_do_not_replace_devices_and_follow_links(arguments: tuple[str, .
     navrl(*arguments[:-1], link, *few)
     assert link.is_symlink()
     assert len(target.read_bytes()) > 100
+    circle = tmp_path / f"circle{suffix}"
+    circle.symlink_to(circle)
+    refused = navrl(*arguments[:-1], circle, *few, code=2)
+    assert re.search(r"is a link that leads back to itself|Too many levels of symbolic links", refused.stderr)
+    assert refused.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("arguments", ["bench --num-envs 2 --json", "eval default --episodes 2 --json"])
+def test_a_result_that_cannot_be_written_leaves_the_old_one(arguments: str, tmp_path: Path) -> None:
+    file = tmp_path / "a.json"
+    file.write_text("old")
+    command = ["bash", "-c", 'ulimit -f 0; exec "$@"', "bash", str(NAVRL), *arguments.split(), str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, timeout=300, check=False)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1] == f"navrl: {file}: File too large"
+    assert file.read_text() == "old"
 
 
 @pytest.mark.parametrize("arguments", ["eval", "train --resume", "train --init", "train --out", "play --out"])

@@ -85,6 +85,8 @@ def test_keys_of_the_json_records() -> None:
     assert list(summarize("test", "", [one]).to_json()) == [
         "list", "list_sha256", "episodes", "success_rate", "success_ci95", "collision_rate", "collision_ci95",
         "timeout_rate", "timeout_ci95", "average_return", "spl", "time_to_goal_s", "path_length_m", "min_clearance_m",
+        "path_ratio", "p5_clearance_m", "jerk_m_s3", "omega_change_rad_s", "turning_share",
+        "detour_episodes", "detour_success_rate", "detour_success_ci95", "detour_spl",
     ]  # fmt: skip
     assert tuple(one.to_json()) == EPISODE_KEYS
     assert one.to_json()["return"] == 90.0

@@ -283,11 +283,9 @@ def test_a_saturated_actor_is_named_once_and_only_when_it_lasts(screen: io.Strin
 def test_the_last_lines_name_the_result_the_policy_and_what_to_do_next() -> None:
     summary: dict[str, Any] = {"env_steps": 1000, "updates": 20, "train_s": 1.5, "wall_s": 3.0, "best_steps": 500}
     tested = {**summary, "scores": scores().to_json(), **scores().to_json()}
-    lines = "\n".join(result_lines(tested, Path("runs/a"), "td3"))
+    lines = "\n".join(result_lines(tested, Path("runs/a")))
     assert "test, 4 unseen scenarios: success 75.0 % (95 % interval 30.1 to 95.4 %)" in lines
     assert "runs/a/policy" in lines
     assert "navrl play runs/a --out" in lines
-    assert "navrl play runs/a --world 'my room.json' --out" in "\n".join(
-        result_lines(tested, Path("runs/a"), "my room.json")
-    )
-    assert "unseen" not in "\n".join(result_lines({**summary, "scores": None}, Path("runs/a"), "td3"))
+    assert "navrl play 'my runs/a' --out" in "\n".join(result_lines(tested, Path("my runs/a")))
+    assert "unseen" not in "\n".join(result_lines({**summary, "scores": None}, Path("runs/a")))

@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from navrl.config import Config, LidarConfig, NetworksConfig, RobotConfig, WorldConfig
 from navrl.policy import BLOCK, CACHED_ROWS, Policy, PolicyDescription, PolicyError, load_policy, save_policy
+from navrl.policy_description import digest
 
 INF, NAN = math.inf, math.nan
 
@@ -372,13 +373,16 @@ def test_a_description_leads_back_to_the_configuration() -> None:
     assert sim.robot == replace(config.robot, radius=RobotConfig().radius)
 
 
-def test_a_description_keeps_the_faults_of_the_lidar(tmp_path: Path) -> None:
+def test_a_description_keeps_the_faults_of_lidar_and_robot(tmp_path: Path) -> None:
     lidar = LidarConfig(noise_per_meter=0.01, resolution=0.005, drop_probability=0.02)
-    description = PolicyDescription.from_config(Config(lidar=lidar))
+    robot = RobotConfig(delay_steps=2, odometry_noise=0.03)
+    description = PolicyDescription.from_config(Config(lidar=lidar, robot=robot))
     save_policy(tmp_path, random_policy(description).weights, description)
-    assert load_policy(tmp_path).description.sim_config().lidar == lidar
+    sim = load_policy(tmp_path).description.sim_config()
+    assert (sim.lidar, sim.robot) == (lidar, robot)
     # The policy that ships was described before there were faults.
-    assert load_policy("default").description.sim_config().lidar == LidarConfig()
+    sim = load_policy("default").description.sim_config()
+    assert (sim.lidar, sim.robot) == (LidarConfig(), RobotConfig())
 
 
 def test_saving_replaces_the_older_policy(tmp_path: Path) -> None:
@@ -415,6 +419,16 @@ def flip_bit(file: Path, position: int) -> None:
     content = bytearray(file.read_bytes())
     content[position] ^= 1
     file.write_bytes(bytes(content))
+
+
+@pytest.mark.parametrize("footprint", [None, 5, "x", []])
+def test_a_footprint_of_another_type_is_named(tmp_path: Path, footprint: object) -> None:
+    save_policy(tmp_path, random_policy().weights, described())
+    file = tmp_path / "policy.json"
+    record = json.loads(file.read_text()) | {"footprint": footprint}
+    file.write_text(json.dumps(record | {"sha256": digest(record)}))
+    with pytest.raises(PolicyError, match=r"policy\.json: "):
+        load_policy(tmp_path)
 
 
 def test_one_flipped_bit_in_the_weights_is_found(tmp_path: Path) -> None:

@@ -39,6 +39,8 @@ def test_the_files_of_a_run_and_the_keys_of_its_summary(tmp_path: Path, capsys: 
     score_keys = """
         list list_sha256 success_rate success_ci95 collision_rate collision_ci95 timeout_rate timeout_ci95
         average_return spl time_to_goal_s path_length_m min_clearance_m
+        path_ratio p5_clearance_m jerk_m_s3 omega_change_rad_s turning_share
+        detour_episodes detour_success_rate detour_success_ci95 detour_spl
     """
     assert list(summary) == [*run_keys.split(), *score_keys.split(), "scores"]
     assert summary["threads"].keys() == {"sim", "learn"}

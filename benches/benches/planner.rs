@@ -1,11 +1,12 @@
-//! Shortest paths with a detour through random worlds of many shapes, a field of arrival times, and every planner.
+//! Shortest paths with a detour through random worlds of many shapes, and every planner.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use navsim::Scenario;
-use navsim::planner::{Field, Grid, Planner, PlannerConfig, needs_detour, plan, shortest_path};
+use navsim::planner::{Planner, PlannerConfig, plan};
 use navsim::pose::Pose;
 use navsim::rng::{Purpose, Split, Stream, StreamName};
+use navsim::shortest::{needs_detour, shortest_path};
 use navsim::world::Shape;
 use std::f64::consts::{PI, TAU};
 
@@ -41,8 +42,8 @@ fn route(draw: Draw, count: usize, half: f64, radius: f64, seed: u64) -> Option<
     joined.then_some((world, start, goal))
 }
 
-fn planner(criterion: &mut Criterion) {
-    let mut group = criterion.benchmark_group("planner");
+fn shortest(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("shortest");
     group.sample_size(20);
     for (name, draw, count, half, radius) in [
         ("16 boxes, 10.7 m", large_box as Draw, 16, 5.35, 0.25),
@@ -55,32 +56,13 @@ fn planner(criterion: &mut Criterion) {
             bencher.iter(|| next.next().map(|(world, start, goal)| shortest_path(world, radius, *start, *goal, 0.3)));
         });
     }
-    let grid = Grid { origin: [0.0, 0.0], cell: 0.01, columns: 1000, rows: 1000 };
-    let blocked = vec![false; grid.len()];
-    group.bench_function("field of 1,000 x 1,000", |bencher| {
-        bencher.iter(|| Field::march(grid, &blocked, &[(333_333, 0.0)]));
-    });
     group.finish();
 }
 
-/// Settings as in Python, but a map of about 1,000 x 1,000 nodes.
-const SETTINGS: PlannerConfig = PlannerConfig {
-    margin: 0.0,
-    resolution: 0.01,
-    ant_resolution: 0.2,
-    step: 0.5,
-    samples: 5000,
-    goal_bias: 0.05,
-    ants: 32,
-    rounds: 30,
-    evaporation: 0.2,
-    goal_weight: 2.0,
-    time_limit: 0.0,
-    shortcut: true,
-    spacing: 0.1,
-};
-
+/// With Python's defaults, but on a map of about 1,000 x 1,000 nodes and without a margin.
 fn plans(criterion: &mut Criterion) {
+    let mut settings = PlannerConfig::from_json(include_str!("../../crates/navsim/tests/planner.json")).unwrap();
+    (settings.margin, settings.resolution) = (0.0, 0.01);
     let mut group = criterion.benchmark_group("plan");
     group.sample_size(20);
     let task = |(shapes, start, goal): (Vec<Shape>, [f64; 2], [f64; 2])| {
@@ -92,11 +74,11 @@ fn plans(criterion: &mut Criterion) {
     for (name, planner) in Planner::ALL {
         let mut next = tasks.iter().cycle();
         group.bench_function(format!("{name}, 16 boxes, 9.2 m"), |bencher| {
-            bencher.iter(|| next.next().map(|task| plan(task, planner, 0.25, &SETTINGS, 0, 0).unwrap().length));
+            bencher.iter(|| next.next().map(|task| plan(task, planner, 0.25, &settings, 0, 0).unwrap().length));
         });
     }
     group.finish();
 }
 
-criterion_group!(benches, planner, plans);
+criterion_group!(benches, shortest, plans);
 criterion_main!(benches);

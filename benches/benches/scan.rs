@@ -96,7 +96,7 @@ fn scan(criterion: &mut Criterion) {
         }
     }
     let worlds = open8();
-    for isa in [Isa::Baseline, Isa::Avx2, Isa::Avx512].into_iter().filter(|isa| *isa <= Isa::detect()) {
+    for isa in Isa::available() {
         bench(criterion, &format!("scan/open8/180 beams/auto, {}", isa.name()), &worlds, &base, isa);
     }
     let noisy = LidarConfig { noise: 0.008, ..base };

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "BatchSim",
+    "Controller",
     "Learner",
     "Lookahead",
     "Scenario",
@@ -66,6 +67,10 @@ class BatchSim:
     @property
     def poses(self) -> NDArray[np.float64]: ...
     @property
+    def odometry(self) -> NDArray[np.float64]: ...
+    @property
+    def clearances(self) -> NDArray[np.float32]: ...
+    @property
     def goals(self) -> NDArray[np.float64]: ...
     @property
     def velocities(self) -> NDArray[np.float64]: ...
@@ -79,6 +84,24 @@ class BatchSim:
     def episode_clearance(self) -> NDArray[np.float64]: ...
     @property
     def episodes(self) -> NDArray[np.uint64]: ...
+
+class Controller:
+    def __new__(cls, name: str, settings: str, sim: str, seed: int) -> Self: ...
+    def forget(self) -> None:
+        """Forgets all robots: their next decision is the first."""
+    def commands(
+        self,
+        ranges: NDArray[np.float32],
+        goal: NDArray[np.float64],
+        velocity: NDArray[np.float64],
+        robots: NDArray[np.uint32] | None,
+    ) -> NDArray[np.float64]:
+        """Commands (N, 2) for ranges (N, beams), goal (N, 2), velocity (N, 2) and robots (N,).
+
+        Raises:
+            TypeError: Another dtype.
+            ValueError: Another shape, a goal or velocity that is no finite number, a negative distance.
+        """
 
 @final
 class Learner:

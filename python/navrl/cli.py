@@ -5,6 +5,7 @@ Results go to stdout, progress and errors to stderr. Nothing heavy is imported b
 
 import argparse
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -86,6 +87,7 @@ def _run(arguments: list[str]) -> int:
     if settings and not options.takes_settings:
         raise UserError(f"{command}: --{settings[0][0]}: this command takes no configuration keys")
     options.settings = settings
+    options.typed = shlex.join(["navrl", *arguments])
     # The module that runs a command brings what the others do without.
     module, _, function = options.run.partition(":")
     code: int = getattr(import_module(f"navrl.commands.{module}"), function)(options)
@@ -107,7 +109,7 @@ def _split_settings(arguments: list[str]) -> tuple[list[str], Settings]:
             settings.append((key, value))
         else:
             following = next(rest, None)
-            if following is None:
+            if following is None or following.startswith("--"):
                 raise UserError(f"--{key}: expects a value")
             settings.append((key, following))
     return typed, settings
@@ -142,6 +144,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_eval(commands)
     _add_play(commands)
     _add_bench(commands)
+    _add_compare(commands)
+    _add_tune(commands)
     _add_config(commands)
     doctor = commands.add_parser("doctor", help="versions, processor, and a self-test of a few seconds")
     doctor.set_defaults(command="doctor", run="doctor:doctor", takes_settings=False)
@@ -155,7 +159,8 @@ def _add_train(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
         epilog="Every setting of docs/configuration.md can be given as --KEY.PATH VALUE, such as --learner.tau 0.01.",
     )
     train.set_defaults(command="train", run="train:train", takes_settings=True)
-    _add_sources(train)
+    train.add_argument("--preset", metavar="P", help="fast (default) or paper")
+    _add_robot(train)
     train.add_argument("--world", metavar="W", help="td3, boxes or a world file (.json)")
     seeds = train.add_mutually_exclusive_group()
     seeds.add_argument("--seed", metavar="K", help="seed of every random stream (default 0)")
@@ -172,8 +177,7 @@ def _add_train(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
     train.add_argument("--inexact", action="store_true", help="with --resume: also where bitwise is impossible")
 
 
-def _add_sources(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--preset", metavar="P", help="fast (default) or paper")
+def _add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--robot", metavar="R", help="turtlebot3_burger or turtlebot3_waffle")
     parser.add_argument("--config", metavar="F.toml", help="settings from a file")
 
@@ -215,6 +219,47 @@ def _add_bench(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
     parser.add_argument("--threads", metavar="N", help="threads (default: all cores)")
     parser.add_argument("--noise", metavar="S", help="lidar noise (default 0.008 m)")
     parser.add_argument("--json", metavar="F", help="write the figures to F")
+
+
+def _add_compare(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
+    parser = commands.add_parser(
+        "compare",
+        help="measure policies, controllers and planners side by side",
+        epilog="The same command continues a comparison; more contenders may be named. Settings: --KEY.PATH VALUE.",
+    )
+    parser.set_defaults(command="compare", run="compare:compare", takes_settings=True)
+    parser.add_argument(
+        "names",
+        metavar="NAME",
+        nargs="+",
+        help="POLICY, dwa, dwa-1997, apf, gap, mppi, straight, random, or one of these or pursuit with a planner that"
+        " leads it on the map, such as pursuit+astar, default+astar, dwa+rrt",
+    )
+    _add_scenarios(parser)
+    parser.add_argument("--level", choices=("ideal", "real"), default="ideal", help="ideal (default) or real")
+    parser.add_argument("--episodes", metavar="N", help="only the first N scenarios")
+    _add_robot(parser)
+    parser.add_argument("--threads", metavar="N", help="threads (default: all cores); never changes results")
+    parser.add_argument("--out", metavar="DIR", required=True, help="folder of the comparison, new or its own")
+
+
+def _add_tune(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
+    parser = commands.add_parser(
+        "tune",
+        help="find settings of a classical controller on the tuning list",
+        epilog="The same command continues a search. Settings that are not searched: --KEY.PATH VALUE.",
+    )
+    parser.set_defaults(command="tune", run="tune:tune", takes_settings=True)
+    parser.add_argument("name", metavar="NAME", help="dwa, apf, gap or mppi")
+    parser.add_argument("--world", metavar="W", help="td3 (default), boxes or a world file (.json)")
+    parser.add_argument("--boxes", metavar="K", help="number of boxes of the world boxes")
+    _add_robot(parser)
+    parser.add_argument("--level", choices=("ideal", "real"), default="ideal", help="ideal (default) or real")
+    parser.add_argument("--trials", metavar="N", default="100", help="budget (default 100)")
+    parser.add_argument("--episodes", metavar="N", default="500", help="scenarios of a trial (default 500)")
+    parser.add_argument("--seed", metavar="K", default="0", help="seed of the search (default 0)")
+    parser.add_argument("--threads", metavar="N", help="threads (default: all cores); never changes results")
+    parser.add_argument("--out", metavar="DIR", required=True, help="folder of the search, new or its own")
 
 
 def _add_config(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type

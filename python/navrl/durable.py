@@ -31,8 +31,10 @@ def write_file(path: Path, content: bytes) -> None:
             file.flush()
             os.fsync(file.fileno())
         os.replace(pending, path)
-    except OSError:
+    except OSError as error:
         pending.unlink(missing_ok=True)
+        if error.errno is not None:  # a full disk names no file, and others the pending one
+            error.filename, error.filename2 = str(path), None
         raise
     sync_folder(path.parent)
 

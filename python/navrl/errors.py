@@ -8,18 +8,23 @@ from json import dumps
 
 def shown(value: object, *, longest: int = 60) -> str:
     """A value as a configuration file would have it, on one line and cut after `longest` characters."""
-    if isinstance(value, (bool, str)):
-        text = dumps(value, ensure_ascii=False)
-    elif isinstance(value, (list, tuple)):
-        text = "[" + ", ".join(shown(item) for item in value[:longest]) + "]"
-    elif isinstance(value, dict):
-        text = "{" + ", ".join(f"{key} = {shown(item)}" for key, item in value.items()) + "}"
-    elif isinstance(value, int) and value.bit_length() > 64 * longest:
-        text = f"{value:#x}"  # Python writes numbers of so many digits only as powers of two
-    else:
-        text = str(value)
-    text = " ".join(text.split())
+    try:
+        text = " ".join(_written(value, longest).split())
+    except RecursionError:
+        text = "lists in lists in lists ..."
     return text if len(text) <= longest else text[: longest - 3] + "..."
+
+
+def _written(value: object, longest: int) -> str:
+    if isinstance(value, (bool, str)):
+        return dumps(value, ensure_ascii=False)
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_written(item, longest) for item in value[:longest]) + "]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_written(item, longest)}" for key, item in value.items()) + "}"
+    if isinstance(value, int) and value.bit_length() > 64 * longest:
+        return f"{value:#x}"  # Python writes numbers of so many digits only as powers of two
+    return str(value)
 
 
 class UserError(Exception):

@@ -1,30 +1,34 @@
 """The one evaluator: every scenario of a fixed list exactly once, without exploration noise (equation 13).
 
     evaluate(policy, "test") -> Evaluation;  evaluate(policy, scenario_list, sim=..., num_threads=2)
+    evaluate(Controller("dwa"), "test");  evaluate(my_controller, "test", sim=SimConfig())
 
-Training, `navrl eval` and comparisons call it, so that they agree episode by episode. The scenario's place in the list
-names its lidar noise: a result depends neither on threads nor on how many scenarios run beside it.
+Training, `navrl eval` and `navrl compare` call it, so that they agree episode by episode. The scenario's place in the
+list names its lidar noise: a result depends neither on threads nor on how many scenarios run beside it.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from navrl import _navsim
 from navrl.batch import BatchSim, Scenario
 from navrl.config import SimConfig
+from navrl.controllers import Command, Commander, Controller, Remembering
 from navrl.durable import write_file
 from navrl.machine import cores
 from navrl.metrics import OUTCOMES, RUNNING, Episode, Scores, summarize
+from navrl.motion import Motion
 from navrl.policy_description import ROBOT_KEYS, SIZES, PolicyDescription, PolicyError
-from navrl.scenarios import ScenarioList, given_list, load_list
+from navrl.scenarios import ScenarioList, given_list, load_list, robot_radius
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -39,21 +43,32 @@ EVALUATION_SEED = 0
 """Seed of the lidar's noise; the streams of given scenarios are apart from those of training."""
 
 
+@runtime_checkable
 class Actor(Protocol):
-    """What can be evaluated: a policy, or anything that acts on observations."""
+    """A policy, or anything that acts on observations."""
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """Actions (N, 2) float32 in [-1, 1] for observations (N, bins + 4) float32."""
 
 
+Contender = Actor | Command | Commander | Remembering
+"""What can be evaluated: policies, and controllers as functions or as objects with a method `command`."""
+Driver = Callable[[BatchSim, NDArray[np.intp]], NDArray[np.float32]]
+"""From a simulator and the robots that still run to their actions (N, 2) float32 in [-1, 1]."""
+Towards = Callable[[BatchSim, NDArray[np.intp]], NDArray[np.float64]]
+"""From a simulator and the robots that still run to where they are led: distance (m) and angle (rad), (N, 2)."""
+
+
 @dataclass(frozen=True)
 class Evaluation:
-    """How a policy did on a list."""
+    """How a contender did on a list."""
 
     summary: Scores
     """Rates, intervals and means."""
     episodes: list[Episode]
     """One record for each scenario, in the order of the list."""
+    tracks: list[NDArray[np.float32]] = field(default_factory=list, compare=False, repr=False)
+    """Where the robot was after each step of each scenario: (steps, 3) x, y, yaw (m, m, rad)."""
 
     def to_json(self, policy: str) -> dict[str, Any]:
         """The record of `navrl eval --json`.
@@ -69,7 +84,7 @@ class Evaluation:
 
 
 def evaluate(
-    policy: Actor,
+    contender: Contender,
     scenarios: ScenarioList | Split | Sequence[Scenario] = "test",
     *,
     sim: SimConfig | None = None,
@@ -78,48 +93,49 @@ def evaluate(
     """Runs every scenario of a list exactly once.
 
     Args:
-        policy: What drives.
+        contender: What drives: a policy, a controller, or a callable with a controller's signature.
         scenarios: A list, the purpose of a built-in one, or scenarios one by one.
-        sim: Robot, lidar and task, and the world of a built-in list; those of the policy in "td3" if None.
+        sim: Robot, lidar and task, and the world of a built-in list; the contender's if None, for a policy in "td3".
         num_threads: Threads that step the robots, 0 for all cores; they do not change results.
 
     Returns:
         Scores and episodes.
 
     Raises:
-        PolicyError: The policy was trained for another robot, lidar or period than `sim` has, or `sim` is missing.
+        PolicyError: The contender is for another robot, lidar or period than `sim` has, or `sim` is missing.
         ScenarioError: There is no such list, it is empty, or the robot cannot run one of its scenarios.
-        ValueError: The policy returned actions of another shape.
+        TypeError: The contender has neither of the methods `act` and `command`, nor can it be called.
+        ValueError: It returned actions or commands of another shape, or NaN.
     """
-    description = getattr(policy, "description", None)
+    own = _own_sim(contender)
     if sim is None:
-        if not isinstance(description, PolicyDescription):
+        if own is None:
             raise PolicyError("sim: must be given for a policy without a description of its robot")
-        sim = description.sim_config()
-    elif isinstance(description, PolicyDescription):
-        check_fits(description, sim)
+        sim = own
+    elif own is not None:
+        check_same(own, sim, contender)
     threads = num_threads or cores()
     if isinstance(scenarios, str):
         scenarios = load_list(sim, scenarios, num_threads=threads)
     elif not isinstance(scenarios, ScenarioList):
         scenarios = given_list(scenarios, sim, num_threads=threads)
-    with threadpool_limits(1, user_api="blas"):
-        simulator = run_to_end(policy, scenarios.scenarios, sim, num_threads=threads)
-    episodes = _episodes(simulator, scenarios, sim.task.period)
-    return Evaluation(summarize(scenarios.name, scenarios.sha256, episodes), episodes)
+    return measure(driver(contender, sim), scenarios, sim, num_threads=threads)
 
 
-def run_to_end(policy: Actor, scenarios: Sequence[Scenario], sim: SimConfig, *, num_threads: int) -> BatchSim:
-    """Drives each scenario until it ends.
+def measure(drive: Driver, scenarios: ScenarioList, sim: SimConfig, *, num_threads: int) -> Evaluation:
+    """Drives each scenario of a list until it ends.
 
     Args:
-        policy: What drives.
+        drive: What drives.
         scenarios: Robot k runs scenario k.
         sim: Robot, lidar and task.
         num_threads: Threads that step the robots.
 
     Returns:
-        The simulator, in which every robot has ended its episode.
+        Scores and episodes.
+
+    Raises:
+        ValueError: `drive` returned actions of another shape, or NaN.
     """
     simulator = BatchSim(
         sim,
@@ -127,35 +143,106 @@ def run_to_end(policy: Actor, scenarios: Sequence[Scenario], sim: SimConfig, *, 
         seed=EVALUATION_SEED,
         num_threads=num_threads,
         autoreset=False,
-        scenarios=scenarios,
+        scenarios=scenarios.scenarios,
     )
+    motion = Motion(len(scenarios), sim.task.period)
     actions = np.zeros((len(scenarios), 2), np.float32)
     running = np.arange(len(scenarios))
-    while running.size:
-        actions[running] = _actions(policy, simulator.observations[running])
-        simulator.step(actions)
-        running = running[simulator.outcome[running] == RUNNING]
-    return simulator
+    with threadpool_limits(1, user_api="blas"):
+        while running.size:
+            actions[running] = drive(simulator, running)
+            simulator.step(actions)
+            motion.observe(simulator, running)
+            running = running[simulator.outcome[running] == RUNNING]
+    episodes = _episodes(simulator, motion, scenarios, sim)
+    return Evaluation(summarize(scenarios.name, scenarios.sha256, episodes), episodes, motion.tracks())
 
 
-def _actions(policy: Actor, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-    actions, expected = np.asarray(policy.act(observations)), (len(observations), 2)
-    if actions.shape != expected:
-        raise ValueError(f"act: expected actions of shape {expected}, got {actions.shape}")
-    return actions
-
-
-def check_fits(description: PolicyDescription, sim: SimConfig) -> None:
-    """Refuses to let a policy drive a robot that it was not trained for.
+def driver(contender: Contender, sim: SimConfig, *, towards: Towards | None = None) -> Driver:
+    """What drives any contender: a policy by observations, a controller by ranges, goal and velocity.
 
     Args:
-        description: What the policy was trained for.
-        sim: What it is to drive.
+        contender: A policy, a controller, or a callable with a controller's signature. What it remembers is forgotten.
+        sim: Robot and lidar.
+        towards: What it is led to in place of its goal; None for the goal.
+
+    Returns:
+        The function that the evaluator calls in every period.
 
     Raises:
-        PolicyError: Names the first difference in limits, footprint, lidar or period.
+        TypeError: The contender has neither of the methods `act` and `command`, nor can it be called.
     """
-    own = description.sim_config()
+    if isinstance(contender, Actor):
+        act = contender.act
+
+        def by_observations(simulator: BatchSim, running: NDArray[np.intp]) -> NDArray[np.float32]:
+            seen = _observations(simulator, running, towards)
+            actions = _checked("act", "actions", act(seen), running)
+            return np.asarray(actions, np.float32)
+
+        return by_observations
+    if isinstance(contender, Remembering):
+        contender.reset()
+        return _by_command(contender.command, sim, towards, with_robots=True)
+    command = getattr(contender, "command", contender)
+    if not callable(command):
+        raise TypeError(f"{type(contender).__name__}: neither a policy with act nor a controller with command")
+    return _by_command(command, sim, towards, with_robots=False)
+
+
+def _observations(simulator: BatchSim, running: NDArray[np.intp], towards: Towards | None) -> NDArray[np.float32]:
+    """(N, bins + 4) what the robots observe, with the goal's distance and angle where they are led."""
+    seen = simulator.observations[running]
+    if towards is not None:
+        seen[:, -4:-2] = towards(simulator, running)
+    return seen
+
+
+def _by_command(
+    command: Callable[..., ArrayLike], sim: SimConfig, towards: Towards | None, *, with_robots: bool
+) -> Driver:
+    bins, largest = sim.lidar.bins, np.array([sim.robot.v_max, sim.robot.omega_max])
+
+    def drive(simulator: BatchSim, running: NDArray[np.intp]) -> NDArray[np.float32]:
+        # The goal as the robot knows it: distance and angle behind the bins of its observation.
+        goal = _observations(simulator, running, towards)[:, bins : bins + 2].astype(np.float64)
+        known = (simulator.ranges[running], goal, simulator.velocities[running])
+        commands = command(*known, running) if with_robots else command(*known)
+        # Eq. 6 backwards: a1 = 2 v / v_max - 1, a2 = omega / omega_max
+        actions = _checked("command", "commands", commands, running) / largest * [2.0, 1.0] - [1.0, 0.0]
+        return np.asarray(actions, np.float32)
+
+    return drive
+
+
+def _checked(method: str, noun: str, answer: ArrayLike, running: NDArray[np.intp]) -> NDArray[np.floating]:
+    array, expected = np.asarray(answer), (len(running), 2)
+    if array.shape != expected:
+        raise ValueError(f"{method}: expected {noun} of shape {expected}, got {array.shape}")
+    return array
+
+
+def _own_sim(contender: Contender) -> SimConfig | None:
+    """The simulator that the contender belongs to, if it says."""
+    description, sim = getattr(contender, "description", None), getattr(contender, "sim", None)
+    if isinstance(description, PolicyDescription):
+        return description.sim_config()
+    return sim if isinstance(sim, SimConfig) else None
+
+
+def check_same(own: SimConfig, sim: SimConfig, contender: Contender, *, apart_from: Sequence[str] = ()) -> None:
+    """Refuses a contender for another robot with the first difference in limits, footprint, lidar or period.
+
+    Args:
+        own: What the contender is for.
+        sim: What it is to drive.
+        contender: The contender.
+        apart_from: Keys of the robot that may differ.
+
+    Raises:
+        PolicyError: There is a difference.
+    """
+    made_for = "the controller was made for" if isinstance(contender, Controller) else "the policy was trained for"
     sizes = SIZES[own.robot.footprint]
     for table, keys in (
         ("robot", (*ROBOT_KEYS, "footprint", *sizes)),
@@ -164,36 +251,34 @@ def check_fits(description: PolicyDescription, sim: SimConfig) -> None:
     ):
         for key in keys:
             trained, asked = (getattr(getattr(config, table), key) for config in (own, sim))
-            if trained != asked:
-                raise PolicyError(f"{table}.{key} = {asked}: the policy was trained for {trained}")
+            if trained != asked and key not in apart_from:
+                raise PolicyError(f"{table}.{key} = {asked}: {made_for} {trained}")
 
 
-def _episodes(simulator: BatchSim, scenarios: ScenarioList, period: float) -> list[Episode]:
-    records = zip(
-        simulator.outcome.tolist(),
-        simulator.episode_steps.tolist(),
+def _episodes(simulator: BatchSim, motion: Motion, scenarios: ScenarioList, sim: SimConfig) -> list[Episode]:
+    radius, period, steps = robot_radius(sim), sim.task.period, simulator.episode_steps.tolist()
+    # The fields of an episode in their order.
+    columns = (
+        [OUTCOMES[outcome] for outcome in simulator.outcome.tolist()],
+        steps,
+        # The nearest decimal: 179 x 0.1 s are 17.9 s.
+        [round(count * period, 9) for count in steps],
         simulator.episode_path.tolist(),
-        simulator.episode_returns.tolist(),
-        simulator.episode_clearance.tolist(),
         scenarios.shortest.tolist(),
+        simulator.episode_returns.tolist(),
+        _clearances(simulator.episode_clearance),
         scenarios.lines or [None] * len(scenarios),
-        strict=True,
+        _clearances(motion.clearance(5)),
+        motion.jerk().tolist(),
+        motion.omega_change().tolist(),
+        motion.turning_share().tolist(),
+        [_navsim.needs_detour(scenario, radius) for scenario in scenarios.scenarios],
     )
-    return [
-        Episode(
-            index=index,
-            outcome=OUTCOMES[outcome],
-            steps=steps,
-            # The nearest decimal: 179 x 0.1 s are 17.9 s.
-            time_s=round(steps * period, 9),
-            path_m=path,
-            shortest_m=shortest,
-            total_return=total_return,
-            min_clearance_m=clearance if clearance < CLEARANCE_MAX else None,
-            line=line,
-        )
-        for index, (outcome, steps, path, total_return, clearance, shortest, line) in enumerate(records)
-    ]
+    return [Episode(index, *row) for index, row in enumerate(zip(*columns, strict=True))]
+
+
+def _clearances(values: NDArray[np.float64]) -> list[float | None]:
+    return [value if value < CLEARANCE_MAX else None for value in values.tolist()]
 
 
 def scores_table(scores: Scores, policy: str, world: str, console: Console) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 Outcome = Literal["goal", "collision", "timeout"]
 
@@ -40,6 +40,16 @@ class Episode:
     """Smallest distance of the footprint from an obstacle at step ends, metres; None in a world without obstacles."""
     line: int | None = None
     """Line of the scenario in its file, from 1; None where the list comes from no file."""
+    p5_clearance_m: float | None = None
+    """5th percentile of the clearances at step ends, metres; None in a world without obstacles."""
+    jerk_m_s3: float | None = None
+    """Mean of |second difference of the executed v| / period^2, m/s^3."""
+    omega_change_rad_s: float | None = None
+    """Sum over the steps of |change of the executed omega|, rad/s."""
+    turning_share: float | None = None
+    """Share of the steps in which the robot turned in place: v < 0.05 m/s and |omega| > 0.1 rad/s."""
+    needs_detour: bool | None = None
+    """Whether the robot's disc touches an obstacle on the straight line from start to goal."""
 
     @property
     def spl(self) -> float:
@@ -54,8 +64,16 @@ class Episode:
         line = {} if self.line is None else {"line": self.line}
         return {key: record[key] for key in EPISODE_KEYS} | line
 
+    @classmethod
+    def from_json(cls, record: dict[str, Any]) -> Self:
+        """The episode that `to_json` made this record of."""
+        return cls(**{"total_return" if key == "return" else key: value for key, value in record.items()})
 
-EPISODE_KEYS = ("index", "outcome", "steps", "time_s", "path_m", "shortest_m", "return", "min_clearance_m")
+
+EPISODE_KEYS = (
+    *("index", "outcome", "steps", "time_s", "path_m", "shortest_m", "return", "min_clearance_m"),
+    *("p5_clearance_m", "jerk_m_s3", "omega_change_rad_s", "turning_share", "needs_detour"),
+)
 """Keys of an episode's JSON record, in order."""
 
 
@@ -91,6 +109,24 @@ class Scores:
     """Mean arc length driven over successes, metres; None without a success."""
     min_clearance_m: float | None
     """Mean over episodes of the smallest clearance, metres; None in worlds without obstacles."""
+    path_ratio: float | None = None
+    """Mean over successes of the arc length driven over the shortest path; None without a success."""
+    p5_clearance_m: float | None = None
+    """Mean over episodes of the 5th percentile of the clearance, metres; None in worlds without obstacles."""
+    jerk_m_s3: float | None = None
+    """Mean over episodes of their jerk, m/s^3."""
+    omega_change_rad_s: float | None = None
+    """Mean over episodes of the sum of |change of omega|, rad/s."""
+    turning_share: float | None = None
+    """Mean over episodes of the share of steps spent turning in place."""
+    detour_episodes: int = 0
+    """Scenarios whose straight line is blocked for the robot."""
+    detour_success_rate: float | None = None
+    """Share of them that reached the goal; None if there is none."""
+    detour_success_ci95: tuple[float, float] | None = None
+    """Wilson 95 % interval of that share."""
+    detour_spl: float | None = None
+    """SPL over them."""
 
     def to_json(self) -> dict[str, Any]:
         """The record that every JSON file holds: intervals as lists."""
@@ -133,7 +169,8 @@ def summarize(list_name: str, list_sha256: str, episodes: Sequence[Episode]) -> 
     count = len(episodes)
     hits = {outcome: sum(e.outcome == outcome for e in episodes) for outcome in OUTCOMES.values()}
     reached = [e for e in episodes if e.outcome == "goal"]
-    clearances = [e.min_clearance_m for e in episodes if e.min_clearance_m is not None]
+    detours = [e for e in episodes if e.needs_detour]
+    around = sum(e.outcome == "goal" for e in detours)
     return Scores(
         list=list_name,
         list_sha256=list_sha256,
@@ -149,9 +186,20 @@ def summarize(list_name: str, list_sha256: str, episodes: Sequence[Episode]) -> 
         spl=math.fsum(e.spl for e in episodes) / count,
         time_to_goal_s=_mean([e.time_s for e in reached]),
         path_length_m=_mean([e.path_m for e in reached]),
-        min_clearance_m=_mean(clearances),
+        min_clearance_m=_mean([e.min_clearance_m for e in episodes]),
+        path_ratio=_mean([e.path_m / e.shortest_m for e in reached]),
+        p5_clearance_m=_mean([e.p5_clearance_m for e in episodes]),
+        jerk_m_s3=_mean([e.jerk_m_s3 for e in episodes]),
+        omega_change_rad_s=_mean([e.omega_change_rad_s for e in episodes]),
+        turning_share=_mean([e.turning_share for e in episodes]),
+        detour_episodes=len(detours),
+        detour_success_rate=around / len(detours) if detours else None,
+        detour_success_ci95=wilson_interval(around, len(detours)) if detours else None,
+        detour_spl=_mean([e.spl for e in detours]),
     )
 
 
-def _mean(values: Sequence[float]) -> float | None:
-    return math.fsum(values) / len(values) if values else None
+def _mean(values: Sequence[float | None]) -> float | None:
+    """Mean of those that there are."""
+    given = [value for value in values if value is not None]
+    return math.fsum(given) / len(given) if given else None

@@ -14,20 +14,15 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict
-from dataclasses import dataclass as record
-from typing import Annotated, Literal, Self, get_args
+from dataclasses import asdict, dataclass
+from typing import Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field
-from pydantic.dataclasses import dataclass
 
 from navrl import _navsim
 from navrl.batch import Scenario
-from navrl.config import RobotConfig
-from navrl.config.faults import one_line
-from navrl.config.tree import STRICT
+from navrl.config import PlannerConfig, RobotConfig
 
 Planner = Literal["astar", "dijkstra", "rrt", "rrtstar", "antcolony", "fmm"]
 """Names of the planners."""
@@ -36,55 +31,7 @@ Status = Literal["found", "no path", "start in collision", "goal in collision", 
 """How a plan ends: see Plan.status."""
 
 
-def _spacing(value: float) -> float:
-    if 0 < value < SPACING_MIN:
-        raise ValueError("points that close would be too many")
-    return value
-
-
-SPACING_MIN = 1e-3
-"""Least distance (m) of neighbouring points, if there is one."""
-_Spacing = Annotated[
-    float, Field(ge=0, le=1000, description="0 or a number in [0.001, 1000]"), AfterValidator(_spacing)
-]
-_Cell = Annotated[float, Field(ge=1e-3, le=100)]
-_Crew = Annotated[int, Field(ge=1, le=10_000)]
-
-
-@one_line
-@dataclass(frozen=True, config=STRICT)
-class PlannerConfig:
-    """Settings of all planners; each reads its own."""
-
-    margin: Annotated[float, Field(ge=0, le=100)] = 0.1
-    """Clearance (m) wanted beyond the radius. Where start, goal or every way is narrower, half of it; then none."""
-    resolution: _Cell = 0.05
-    """Side of a cell (m) of "astar", "dijkstra" and "fmm"; a map has at most 10 million cells."""
-    ant_resolution: _Cell = 0.2
-    """Side of a cell (m) of "antcolony": on small cells its ants lose their way."""
-    step: Annotated[float, Field(ge=1e-3, le=1000)] = 0.5
-    """Longest edge (m) of the trees of "rrt" and "rrtstar"."""
-    samples: Annotated[int, Field(ge=1, le=10_000_000)] = 5000
-    """Samples of "rrtstar"; of "rrt" at most."""
-    goal_bias: Annotated[float, Field(ge=0, lt=1)] = 0.05
-    """Share of the samples of a tree that are the goal; of "rrtstar" until it has a path."""
-    ants: _Crew = 32
-    """Ants of a round of "antcolony"."""
-    rounds: _Crew = 30
-    """Rounds of "antcolony"."""
-    evaporation: Annotated[float, Field(gt=0, le=1)] = 0.2
-    """Share of a trail of the ants that is lost, and set anew along the best ways, in a round."""
-    goal_weight: Annotated[float, Field(ge=0, le=20)] = 2.0
-    """How strongly the goal draws ants: a step at an angle a from it has the odds exp(goal_weight cos a)."""
-    time_limit: Annotated[float, Field(ge=0, le=1e6)] = 0.0
-    """Longest search (s) of "rrt", "rrtstar" and "antcolony"; 0: none, and then a seed always gives the same path."""
-    shortcut: bool = True
-    """Whether a path is pulled tight."""
-    spacing: _Spacing = 0.1
-    """Largest distance (m) of neighbouring points of a path, 0 or at least 0.001; 0 leaves its corners only."""
-
-
-@record(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Plan:
     """What a planner found."""
 
@@ -182,6 +129,7 @@ class Lookahead(_navsim.Lookahead):
 
         guide = Lookahead(plans, goals, distance=1.0)
         targets = guide.update(positions)       # (N, 2) float64, m
+        goal = guide.goal(sim.poses)            # (N, 2) float64, m and rad in the robots' frames
         guide.progress                          # (N,) float64, m along the paths
 
     Args:
@@ -196,3 +144,22 @@ class Lookahead(_navsim.Lookahead):
     def __new__(cls, plans: Sequence[Plan], goals: NDArray[np.float64], *, distance: float) -> Self:
         """Puts every robot at the beginning of its path."""
         return super().__new__(cls, [plan.path for plan in plans], np.asarray(goals, np.float64), distance)
+
+    def goal(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """``update``, as robots see it: what a controller takes for its goal, and a policy has in its observation.
+
+        Args:
+            poses: (N, 3) float64: x (m), y (m), yaw (rad).
+
+        Returns:
+            (N, 2) float64: distance (m) and angle (rad, in (-pi, pi]) of the intermediate goals in the robots' frames.
+
+        Raises:
+            TypeError: Not a float64 array.
+            ValueError: Another shape, NaN or infinity; nothing has changed then.
+        """
+        if poses.ndim != 2 or poses.shape[1] != 3 or not np.isfinite(poses).all():
+            raise ValueError(f"poses: expected finite numbers of shape (N, 3), got shape {poses.shape}")
+        offset = self.update(poses[:, :2]) - poses[:, :2]
+        angle = np.arctan2(offset[:, 1], offset[:, 0]) - poses[:, 2]
+        return np.stack([np.hypot(offset[:, 0], offset[:, 1]), np.arctan2(np.sin(angle), np.cos(angle))], axis=1)

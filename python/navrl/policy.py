@@ -261,7 +261,7 @@ def _find_folder(path: str | Path) -> Path:
 def _read_description(file: Path) -> dict[str, Any]:
     try:
         record = json.loads(file.read_bytes())
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise PolicyError(f"{file}: cannot be read: {error}") from None
     if not isinstance(record, dict) or not isinstance(record.get("actor_sha256"), str):
         raise PolicyError(f"{file}: not the description of a policy")

@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 SCHEMA = 1
 """Version of policy.json."""
 ROBOT_KEYS = ("v_max", "omega_max", "acceleration_max", "angular_acceleration_max")
+ROBOT_FAULTS = ("delay_steps", "odometry_noise")
 LIDAR_FAULTS = ("noise_per_meter", "resolution", "drop_probability")
-"""Keys that policies of a lidar without these faults may lack."""
+"""Keys that policies of a robot and a lidar without these faults may lack."""
 LIDAR_KEYS = ("beams", "bins", "fov", "range_min", "range_max", "noise", *LIDAR_FAULTS)
 TASK_KEYS = ("goal_radius", "collision", "sensor_range")
 SIZES = {"disc": ("radius",), "rectangle": ("length", "width")}
@@ -83,6 +84,10 @@ class PolicyDescription:
     """The lidar's hits are multiples of this, metres; 0 means no rounding."""
     drop_probability: float = 0.0
     """Probability that a beam of the lidar is lost."""
+    delay_steps: int = 0
+    """Control periods by which a command acts late."""
+    odometry_noise: float = 0.0
+    """Standard deviation of the scale errors of the odometry from which the goal is seen."""
 
     def __post_init__(self) -> None:
         """Refuses what no robot can have.
@@ -126,7 +131,7 @@ class PolicyDescription:
             time_limit_s=task.time_limit,
             footprint={"kind": robot.footprint} | {size: getattr(robot, size) for size in SIZES[robot.footprint]},
             scores=None if scores is None else {"world": Path(config.world.name).name, **scores},
-            **{key: getattr(robot, key) for key in ROBOT_KEYS},
+            **{key: getattr(robot, key) for key in (*ROBOT_KEYS, *ROBOT_FAULTS)},
             **{key: getattr(lidar, key) for key in LIDAR_KEYS},
             **{key: getattr(task, key) for key in TASK_KEYS},
         )
@@ -146,7 +151,9 @@ class PolicyDescription:
         return SimConfig(
             world=WorldConfig() if world is None else world,
             robot=RobotConfig(
-                footprint=self.footprint["kind"], **sizes, **{key: getattr(self, key) for key in ROBOT_KEYS}
+                footprint=self.footprint["kind"],
+                **sizes,
+                **{key: getattr(self, key) for key in (*ROBOT_KEYS, *ROBOT_FAULTS)},
             ),
             lidar=LidarConfig(mount=self.mount, **{key: getattr(self, key) for key in LIDAR_KEYS}),
             task=TaskConfig(
@@ -209,7 +216,7 @@ class PolicyDescription:
         """
         fields = {field.name for field in dataclasses.fields(cls)}
         given = set(record) - {"schema", "navrl", "actor_sha256", "sha256"}
-        wrong = (fields ^ given) - (set(LIDAR_FAULTS) - given)
+        wrong = (fields ^ given) - ({*ROBOT_FAULTS, *LIDAR_FAULTS} - given)
         if wrong:
             raise ValueError(f"keys missing or unknown: {', '.join(sorted(wrong))}")
         values: dict[str, Any] = {
@@ -217,7 +224,7 @@ class PolicyDescription:
         }
         try:
             return cls(**values)
-        except TypeError as error:
+        except (TypeError, AttributeError) as error:
             raise ValueError(f"a value of the wrong type: {error}") from None
 
 

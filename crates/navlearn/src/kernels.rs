@@ -9,7 +9,7 @@
 use crate::adam::{Moments, Step};
 use crate::loops;
 use crate::real::Real;
-pub use navsim::lidar::Isa;
+pub use navsim::cpu::Isa;
 
 /// A matrix in a slice.
 #[derive(Debug, Clone, Copy)]

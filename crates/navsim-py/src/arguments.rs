@@ -39,6 +39,21 @@ fn type_name(argument: &Bound<'_, PyAny>) -> String {
     argument.get_type().name().map_or_else(|_| "an object".into(), |name| name.to_string())
 }
 
+fn untyped<'a, 'py>(name: &str, argument: &'a Bound<'py, PyAny>) -> PyResult<&'a Bound<'py, PyUntypedArray>> {
+    argument
+        .cast::<PyUntypedArray>()
+        .map_err(|_| PyTypeError::new_err(format!("{name}: expected a numpy array, got {}", type_name(argument))))
+}
+
+/// Number of rows of a numpy array.
+pub fn rows(name: &str, argument: &Bound<'_, PyAny>) -> PyResult<usize> {
+    untyped(name, argument)?
+        .shape()
+        .first()
+        .copied()
+        .ok_or_else(|| PyValueError::new_err(format!("{name}: expected rows, got a number")))
+}
+
 /// Copies a numpy array of exactly this type and shape into `values`, whatever its strides. The copy is what makes an
 /// argument safe that overlaps a result or is written by another thread during the call.
 pub fn copy_array<T: Element + Copy>(
@@ -47,10 +62,23 @@ pub fn copy_array<T: Element + Copy>(
     shape: &[usize],
     values: &mut Vec<T>,
 ) -> PyResult<()> {
-    let py = argument.py();
-    let array = argument
-        .cast::<PyUntypedArray>()
-        .map_err(|_| PyTypeError::new_err(format!("{name}: expected a numpy array, got {}", type_name(argument))))?;
+    check_array::<T>(name, argument, shape)?;
+    copy_values(argument, values)
+}
+
+/// As `copy_array` for truth values. numpy takes every byte but 0 for true, also those that are no `bool` of Rust.
+pub fn copy_mask(name: &str, argument: &Bound<'_, PyAny>, shape: &[usize], values: &mut Vec<bool>) -> PyResult<()> {
+    check_array::<bool>(name, argument, shape)?;
+    let mut bytes: Vec<u8> = Vec::new();
+    copy_values(&argument.call_method1("view", ("uint8",))?, &mut bytes)?;
+    values.clear();
+    values.extend(bytes.iter().map(|byte| *byte != 0));
+    Ok(())
+}
+
+/// Refuses what is not an aligned numpy array of exactly this type and shape.
+fn check_array<T: Element>(name: &str, argument: &Bound<'_, PyAny>, shape: &[usize]) -> PyResult<()> {
+    let (py, array) = (argument.py(), untyped(name, argument)?);
     if !array.dtype().is_equiv_to(&dtype::<T>(py)) {
         let (expected, got) = (dtype::<T>(py), array.dtype());
         return Err(PyTypeError::new_err(format!("{name}: expected dtype {expected}, got {got}")));
@@ -67,6 +95,10 @@ pub fn copy_array<T: Element + Copy>(
             array.strides()
         )));
     }
+    Ok(())
+}
+
+fn copy_values<T: Element + Copy>(array: &Bound<'_, PyAny>, values: &mut Vec<T>) -> PyResult<()> {
     let array = array.cast::<PyArrayDyn<T>>()?.readonly();
     values.clear();
     match array.as_slice() {

@@ -1,6 +1,6 @@
 //! `BatchSim` for Python.
 
-use crate::arguments::{copy_array, refusal, whole};
+use crate::arguments::{copy_array, copy_mask, refusal, whole};
 use crate::scenario::Scenario;
 use navsim::batch::{ROBOTS_MAX, THREADS_MAX};
 use navsim::{Results, SimConfig};
@@ -72,7 +72,7 @@ impl BatchSim {
     fn reset(&mut self, py: Python<'_>, mask: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let Self { core, mask: values, .. } = self;
         if let Some(mask) = mask {
-            copy_array("mask", mask, &[core.num_envs()], values)?;
+            copy_mask("mask", mask, &[core.num_envs()], values)?;
         }
         let mask = mask.map(|_| values.as_slice());
         py.detach(|| core.reset(mask)).map_err(refusal)
@@ -141,15 +141,27 @@ impl BatchSim {
 
     #[getter]
     fn ranges<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray<f32, Ix2>>> {
-        let core = &mut this.try_borrow_mut()?.core;
-        let shape = (core.num_envs(), core.config().lidar.beams);
-        let ranges = this.py().detach(|| core.ranges()).map_err(refusal)?;
-        view_of(this, ranges, shape)
+        {
+            let core = &mut this.try_borrow_mut()?.core;
+            this.py().detach(|| core.keep_ranges()).map_err(refusal)?;
+        }
+        let core = &this.try_borrow()?.core;
+        view_of(this, core.ranges(), (core.num_envs(), core.config().lidar.beams))
     }
 
     #[getter]
     fn poses<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray<f64, Ix2>>> {
         view(this, |results| &results.poses, |n, _| (n, 3))
+    }
+
+    #[getter]
+    fn odometry<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray<f64, Ix2>>> {
+        PyArray::from_iter(py, self.core.odometry().flatten()).reshape([self.core.num_envs(), 3])
+    }
+
+    #[getter]
+    fn clearances<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray<f32, Ix1>> {
+        PyArray::from_iter(py, self.core.clearances())
     }
 
     #[getter]

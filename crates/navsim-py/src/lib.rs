@@ -2,6 +2,7 @@
 
 mod arguments;
 mod batch;
+mod controller;
 mod learner;
 mod planner;
 mod scenario;
@@ -15,6 +16,8 @@ mod _navsim {
     use super::{check_world, isa};
     #[pymodule_export]
     use crate::batch::BatchSim;
+    #[pymodule_export]
+    use crate::controller::Controller;
     #[pymodule_export]
     use crate::learner::Learner;
     #[pymodule_export]

@@ -1,9 +1,9 @@
 //! Planners and look-ahead for Python.
 
-use crate::arguments::{copy_array, refusal, whole};
+use crate::arguments::{copy_array, refusal, rows, whole};
 use crate::scenario::Scenario;
 use navsim::planner::{Planner, PlannerConfig};
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -16,9 +16,8 @@ fn array<'py>(py: Python<'py>, points: &[[f64; 2]]) -> PyResult<Array<'py>> {
 
 /// Points from an array (K, 2) of any K.
 fn points(name: &str, argument: &Bound<'_, PyAny>) -> PyResult<Vec<[f64; 2]>> {
-    let rows = argument.cast::<PyUntypedArray>().ok().and_then(|array| array.shape().first().copied());
     let mut values = Vec::new();
-    copy_array(name, argument, &[rows.unwrap_or(0), 2], &mut values)?;
+    copy_array(name, argument, &[rows(name, argument)?, 2], &mut values)?;
     Ok(values.as_chunks::<2>().0.to_vec())
 }
 

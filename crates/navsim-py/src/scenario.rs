@@ -187,7 +187,7 @@ fn refused_line(error: &navsim::Error) -> (usize, String) {
 pub fn shortest_path(py: Python<'_>, scenario: &Scenario, radius: f64) -> Option<f64> {
     let core = &scenario.core;
     let start = [core.start.x, core.start.y];
-    py.detach(|| navsim::planner::shortest_path(&core.shapes, radius, start, core.goal, core.goal_radius))
+    py.detach(|| navsim::shortest::shortest_path(&core.shapes, radius, start, core.goal, core.goal_radius))
 }
 
 /// Whether the segment from start to goal, swept by a disc of `radius`, touches an obstacle.
@@ -195,5 +195,5 @@ pub fn shortest_path(py: Python<'_>, scenario: &Scenario, radius: f64) -> Option
 pub fn needs_detour(py: Python<'_>, scenario: &Scenario, radius: f64) -> bool {
     let core = &scenario.core;
     let start = [core.start.x, core.start.y];
-    py.detach(|| navsim::planner::needs_detour(&core.shapes, radius, start, core.goal))
+    py.detach(|| navsim::shortest::needs_detour(&core.shapes, radius, start, core.goal))
 }

@@ -2,7 +2,7 @@
 
 use crate::config::SimConfig;
 use crate::cpu::DefaultMode;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, expect_length};
 use crate::results::{Results, Rows};
 use crate::task::{Episode, ObservationRow, Outcome, Task, Workspace};
 use crate::world::Scenario;
@@ -23,7 +23,7 @@ pub struct BatchSim {
     autoreset: bool,
     episodes: Vec<Episode>,
     results: Results,
-    /// Empty until somebody asks.
+    /// Empty until `keep_ranges`, then never moved: others may hold views.
     ranges: Vec<f32>,
     workers: Vec<Worker>,
     pool: Option<ThreadPool>,
@@ -45,7 +45,7 @@ struct State {
     results: Results,
 }
 
-const STATE_VERSION: u32 = 2;
+const STATE_VERSION: u32 = 3;
 
 /// What is done to a range of robots.
 #[derive(Clone, Copy)]
@@ -110,27 +110,38 @@ impl BatchSim {
         &self.results
     }
 
-    /// Range of every beam now, (num_envs, beams), m; NaN for a lost beam.
-    ///
-    /// Written in place by every call from the first request on, and never before: they are eight times as many numbers
-    /// as the observations, and few ask for them.
+    /// Range of every beam now, (num_envs, beams), m; NaN for a lost beam. Empty before `keep_ranges`.
+    pub fn ranges(&self) -> &[f32] {
+        &self.ranges
+    }
+
+    /// Fills `ranges`, and lets every later call write them in place. They are eight times as many numbers as the
+    /// observations, and few need them.
     ///
     /// # Errors
     /// A process forked from the one that made this simulator.
-    pub fn ranges(&mut self) -> Result<&[f32]> {
-        if self.ranges.is_empty() {
-            self.ranges = vec![0.0; self.num_envs() * self.config().lidar.beams];
-            if let Err(error) = self.run(Work::Scan) {
-                self.ranges = Vec::new();
-                return Err(error);
-            }
+    pub fn keep_ranges(&mut self) -> Result<()> {
+        if !self.ranges.is_empty() {
+            return Ok(());
         }
-        Ok(&self.ranges)
+        self.check_process()?;
+        self.ranges = vec![0.0; self.num_envs() * self.config().lidar.beams];
+        self.run(Work::Scan)
     }
 
     /// What `robot` meets in its present episode.
     pub fn scenario(&self, robot: usize) -> Option<Scenario> {
         self.episodes.get(robot).map(|episode| self.task.scenario(robot, episode))
+    }
+
+    /// Where each robot believes to be, by its odometry: x (m), y (m), yaw (rad). Without `robot.odometry_noise` the pose.
+    pub fn odometry(&self) -> impl Iterator<Item = [f64; 3]> + '_ {
+        self.episodes.iter().map(Episode::believed_pose).map(|pose| [pose.x, pose.y, pose.yaw])
+    }
+
+    /// Distance (m) of each robot's footprint from the nearest obstacle now.
+    pub fn clearances(&self) -> impl Iterator<Item = f32> + '_ {
+        self.episodes.iter().map(Episode::clearance)
     }
 
     /// Begins the next episode of all robots, or of those whose `mask` is true.
@@ -173,8 +184,10 @@ impl BatchSim {
     /// Continues bit for bit where `state` was taken, from a simulator made with the same arguments.
     ///
     /// # Errors
-    /// Bytes that are no state, or the state of another number of robots or bins: nothing has changed then.
+    /// Bytes that are no state or hold impossible numbers, the state of another number of robots or bins, or a process forked from the one that
+    /// made this simulator: nothing has changed then.
     pub fn restore(&mut self, state: &[u8]) -> Result<()> {
+        self.check_process()?;
         let state: State = serde_json::from_slice(state).map_err(|e| Error::Parse(format!("simulator state: {e}")))?;
         if state.version != STATE_VERSION {
             return Err(Error::Parse(format!(
@@ -184,22 +197,29 @@ impl BatchSim {
         }
         expect_length("simulator state", self.num_envs(), state.episodes.len())?;
         self.results.check_same_shape(&state.results)?;
+        state.episodes.iter().try_for_each(Episode::validate)?;
         self.results.copy_from(&state.results);
         self.episodes = state.episodes;
         self.episodes.iter_mut().for_each(Episode::prepare_moved);
         if self.ranges.is_empty() { Ok(()) } else { self.run(Work::Scan) }
     }
 
+    /// Refuses a process that has no threads of this simulator: a fork takes only the calling one along.
+    fn check_process(&self) -> Result<()> {
+        let current = std::process::id();
+        if self.pool.is_none() || current == self.process {
+            return Ok(());
+        }
+        Err(Error::Forked { created: self.process, current })
+    }
+
     /// Splits the robots into one contiguous part for each thread; the calling thread does the first.
     fn run(&mut self, work: Work) -> Result<()> {
-        let Self { task, autoreset, episodes, results, ranges, workers, pool, process } = self;
+        self.check_process()?;
+        let Self { task, autoreset, episodes, results, ranges, workers, pool, .. } = self;
         let (rows, beams) = (results.rows(), ranges.len() / episodes.len());
         let mut part = Part { task, autoreset: *autoreset, work, first: 0, episodes, rows, ranges, beams };
         let Some(pool) = pool else { return part.run(&mut workers[0].workspace) };
-        let current = std::process::id();
-        if current != *process {
-            return Err(Error::Forked { created: *process, current });
-        }
         let threads = workers.len().min(part.episodes.len());
         let (own, others) = workers[..threads].split_at_mut(1);
         pool.in_place_scope(|scope| {
@@ -336,8 +356,4 @@ fn within(key: &'static str, value: usize, max: usize) -> Result<()> {
         return Ok(());
     }
     Err(Error::Setting { key, value: value.to_string(), expected: format!("1 to {max}") })
-}
-
-fn expect_length(name: &'static str, expected: usize, got: usize) -> Result<()> {
-    if expected == got { Ok(()) } else { Err(Error::Length { name, expected, got }) }
 }

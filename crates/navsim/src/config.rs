@@ -59,6 +59,10 @@ pub struct RobotConfig {
     pub acceleration_max: f64,
     /// Largest change of turning speed, rad/s^2; 0 means none.
     pub angular_acceleration_max: f64,
+    /// Control periods by which a command acts late, 0 to 100; until the first one acts the robot stands.
+    pub delay_steps: usize,
+    /// Standard deviation of the scale errors of odometry, of distance and of rotation, in [0, 0.2]; 0 means none.
+    pub odometry_noise: f64,
 }
 
 /// Kind of footprint.
@@ -104,7 +108,7 @@ pub struct LidarConfig {
 #[serde(rename_all = "lowercase")]
 pub enum Caster {
     /// The rasteriser with what makes it faster and leaves its bits: every beam against every edge for up to 64 beams,
-    /// and a tree of boxes, nearest first and past what is hidden, for more than 112 static edges or circles.
+    /// and a tree of boxes, nearest first and past what is hidden, where static walls, faces of boxes or circles fill eight blocks of 16.
     Auto,
     /// The vectorised rasteriser: every edge and every circle is drawn over the beams that it may cover.
     Raster,
@@ -163,12 +167,13 @@ pub enum RewardForm {
     Halves,
 }
 
-/// Steps after which an episode is cut.
-pub fn max_steps(task: &TaskConfig) -> u32 {
-    libm::round(task.time_limit / task.period) as u32
+/// Steps of `period` (s) after which an episode of `time_limit` (s) is cut.
+pub(crate) fn max_steps(time_limit: f64, period: f64) -> u32 {
+    libm::round(time_limit / period) as u32
 }
 
-fn check(key: &'static str, value: f64, allowed: bool, expected: &str) -> Result<()> {
+/// Refuses the setting `key` unless its value is finite and allowed.
+pub(crate) fn check(key: &'static str, value: f64, allowed: bool, expected: &str) -> Result<()> {
     if value.is_finite() && allowed {
         return Ok(());
     }
@@ -225,6 +230,9 @@ impl SimConfig {
             robot.angular_acceleration_max >= 0.0,
             ">= 0 rad/s^2 (0: no limit)",
         )?;
+        check("robot.delay_steps", robot.delay_steps as f64, robot.delay_steps <= 100, "0 to 100")?;
+        let noise = robot.odometry_noise;
+        check("robot.odometry_noise", noise, (0.0..=0.2).contains(&noise), "in [0, 0.2]")?;
         lidar.validate()?;
         check("task.period", task.period, task.period >= 1e-3 && task.period <= 10.0, "in [0.001, 10] s")?;
         let steps = task.time_limit / task.period;

@@ -63,6 +63,18 @@ pub enum Error {
         /// Index of the robot.
         robot: usize,
     },
+    /// A number in an array cannot be used.
+    #[error("{name}: row {row}: expected {expected}, got {value}")]
+    Number {
+        /// Name of the argument.
+        name: &'static str,
+        /// What is allowed.
+        expected: &'static str,
+        /// The value that came.
+        value: f64,
+        /// Row of the array.
+        row: usize,
+    },
     /// The simulator's threads belong to another process (it was created before a fork).
     #[error("simulator created in process {created} cannot step in its fork {current}: create it after the fork")]
     Forked {
@@ -83,3 +95,8 @@ pub enum Error {
 
 /// Result of a call that may be refused.
 pub type Result<T> = std::result::Result<T, Error>;
+
+/// Refuses the array `name` unless it has the expected length.
+pub(crate) fn expect_length(name: &'static str, expected: usize, got: usize) -> Result<()> {
+    if expected == got { Ok(()) } else { Err(Error::Length { name, expected, got }) }
+}

@@ -9,7 +9,8 @@
 //! * [`batch`]: [`BatchSim`], arrays in and arrays out, the only user of threads. A step of one robot is
 //!   [`robot`] (kinematics), [`collision`], [`lidar`], and [`task`] (observation, reward, episode).
 //!
-//! * [`planner`]: true shortest paths, and paths in the ways that robots use.
+//! * [`shortest`]: true shortest paths; [`planner`]: paths in the ways that robots use.
+//! * [`controller`]: classical local controllers, from scan, goal and speed to a command.
 //!
 //! Units are SI and radians; x is forward, y left, angles are counter-clockwise. Random numbers come from named
 //! streams ([`rng`]), so that results depend neither on the number of threads nor on the size of the batch.
@@ -19,14 +20,17 @@
 pub mod batch;
 pub mod collision;
 pub mod config;
+pub mod controller;
 pub mod cpu;
 pub mod error;
+mod grown;
 pub mod lidar;
 pub mod planner;
 pub mod pose;
 mod results;
 pub mod rng;
 pub mod robot;
+pub mod shortest;
 pub mod task;
 pub mod world;
 

@@ -1,6 +1,6 @@
 //! The arrays that a batch writes in place: allocated once, one row for each robot.
 
-use crate::error::{Error, Result};
+use crate::error::{Result, expect_length};
 use crate::task::{Episode, Outcome};
 use serde::{Deserialize, Serialize};
 
@@ -31,10 +31,7 @@ macro_rules! results {
             }
 
             pub(crate) fn check_same_shape(&self, other: &Self) -> Result<()> {
-                $(if self.$name.len() != other.$name.len() {
-                    let (expected, got) = (self.$name.len(), other.$name.len());
-                    return Err(Error::Length { name: stringify!($name), expected, got });
-                })*
+                $(expect_length(stringify!($name), self.$name.len(), other.$name.len())?;)*
                 Ok(())
             }
 

@@ -15,8 +15,12 @@ pub enum Purpose {
     Noise = 1,
     /// Beams that the lidar loses.
     LostBeams = 2,
+    /// Samples of a controller.
+    Control = 3,
     /// Samples and ants of a planner.
     Planner = 4,
+    /// Scale errors of a robot's odometry.
+    Odometry = 5,
 }
 
 /// Which part of the experiment a stream belongs to; the four lists never share a world with training or each other.

@@ -12,7 +12,8 @@ use navsim::{BatchSim, Error, Scenario};
 fn digest(sim: &mut BatchSim, robots: usize, mut hash: u64) -> u64 {
     let mut add = |bits: u64| hash = (hash ^ bits).wrapping_mul(0x0000_0100_0000_01b3);
     let beams = sim.config().lidar.beams;
-    sim.ranges().unwrap()[..robots * beams].iter().for_each(|v| add(u64::from(v.to_bits())));
+    sim.keep_ranges().unwrap();
+    sim.ranges()[..robots * beams].iter().for_each(|v| add(u64::from(v.to_bits())));
     let (results, width) = (sim.results(), sim.observation_size());
     results.observations[..robots * width].iter().for_each(|v| add(u64::from(v.to_bits())));
     results.final_observations[..robots * width].iter().for_each(|v| add(u64::from(v.to_bits())));
@@ -200,7 +201,8 @@ fn a_state_keeps_lost_beams() {
     let simulator = || BatchSim::new(config.clone(), 4, 0, 1, true, None).unwrap();
     let (mut whole, mut resumed) = (simulator(), simulator());
     (0..20).for_each(|t| whole.step(&actions(4, t)).unwrap());
-    assert!(whole.ranges().unwrap().iter().any(|range| range.is_nan()));
+    whole.keep_ranges().unwrap();
+    assert!(whole.ranges().iter().any(|range| range.is_nan()));
     resumed.restore(&whole.state().unwrap()).unwrap();
     assert_eq!(digest(&mut resumed, 4, 0), digest(&mut whole, 4, 0));
     (20..60).for_each(|t| {
@@ -211,25 +213,122 @@ fn a_state_keeps_lost_beams() {
 }
 
 #[test]
+fn a_command_acts_as_many_periods_late_as_configured() {
+    let mut config = quiet();
+    config.robot.delay_steps = 2;
+    let mut sim = BatchSim::new(config.clone(), 1, 0, 1, false, Some(vec![corridor(1.02, 50.0)])).unwrap();
+    // Half speed is asked for first, then full speed: it stands for two periods, then 0.025 m, then 0.05 m each.
+    let mut x = 0.0;
+    for (step, v) in [0.0, 0.0, 0.25, 0.5, 0.5].into_iter().enumerate() {
+        sim.step(if step == 0 { &[0.0, 0.0] } else { &FORWARD }).unwrap();
+        x += 0.1 * v;
+        let r = sim.results();
+        assert!((r.poses[0] - x).abs() < 1e-12, "step {step}");
+        assert_eq!(r.velocities[0], v);
+        // What the robot knows of itself is what it does, not what it asked for.
+        assert_eq!(r.observations[22], (v / 0.5) as f32);
+    }
+    // An episode inherits nothing from the one before.
+    sim.reset(None).unwrap();
+    sim.step(&FORWARD).unwrap();
+    assert_eq!(sim.results().poses[0], 0.0);
+    // The late command is then subject to the acceleration limits.
+    config.robot.acceleration_max = 1.0;
+    let mut sim = BatchSim::new(config, 1, 0, 1, false, Some(vec![corridor(1.02, 50.0)])).unwrap();
+    let speeds = [0.0, 0.0, 0.1, 0.2, 0.3].map(|v: f64| {
+        sim.step(&FORWARD).unwrap();
+        (sim.results().velocities[0] - v).abs()
+    });
+    assert!(speeds.iter().all(|error| *error < 1e-12), "{speeds:?}");
+}
+
+#[test]
+fn the_goal_is_seen_by_odometry_and_reached_in_truth() {
+    let mut config = quiet();
+    config.robot.odometry_noise = 0.1;
+    let scenarios = vec![corridor(1.02, 50.0); 20];
+    let mut sim = BatchSim::new(config.clone(), 20, 0, 1, false, Some(scenarios.clone())).unwrap();
+    let mut scales = Vec::new();
+    for episode in 0..2 {
+        for step in 1..=15 {
+            sim.step(&FORWARD.repeat(20)).unwrap();
+            let believed: Vec<_> = sim.odometry().collect();
+            for (robot, [x, y, yaw]) in believed.into_iter().enumerate() {
+                let r = sim.results();
+                // 0.05 m a step in truth, and 35 a metre for it: the reward is not for what the robot believes.
+                assert!((r.poses[3 * robot] - 0.05 * f64::from(step)).abs() < 1e-9);
+                assert_eq!(r.outcome[robot], u8::from(step == 15));
+                assert!((r.rewards[robot] - if step == 15 { 101.75 } else { 2.25 }).abs() < 1e-4);
+                assert!((f64::from(r.observations[24 * robot + 20]) - (1.02 - x).abs()).abs() < 1e-6);
+                assert_eq!((y, yaw), (0.0, 0.0));
+                let scale = x / r.poses[3 * robot];
+                match step {
+                    1 => scales.push(scale),
+                    _ => assert!((scale - scales[20 * episode + robot]).abs() < 1e-9, "drawn once an episode"),
+                }
+            }
+        }
+        sim.reset(None).unwrap();
+        assert_eq!(sim.odometry().next(), Some([0.0; 3]));
+    }
+    let (first, second) = scales.split_at(20);
+    assert!(first.iter().zip(second).all(|(a, b)| a != b && (0.5..1.5).contains(a) && *a != 1.0));
+    // Robot k has the same odometry whatever the batch.
+    let mut alone = BatchSim::new(config, 3, 0, 1, false, Some(scenarios)).unwrap();
+    alone.step(&FORWARD.repeat(3)).unwrap();
+    let again = alone.odometry().map(|[x, ..]| x / 0.05);
+    assert!(again.zip(first).all(|(a, b)| (a - b).abs() < 1e-9));
+}
+
+#[test]
+fn a_robot_without_odometry_noise_knows_its_pose() {
+    let mut sim = BatchSim::new(config("td3"), 3, 0, 1, true, None).unwrap();
+    (0..30).for_each(|t| sim.step(&actions(3, t)).unwrap());
+    let believed: Vec<f64> = sim.odometry().flatten().collect();
+    assert_eq!(believed, sim.results().poses);
+    let least = sim.results().episode_clearance.clone();
+    assert!(sim.clearances().zip(least).all(|(now, least)| f64::from(now) >= least));
+}
+
+#[test]
+fn a_state_keeps_late_commands_and_odometry() {
+    let mut config = config("td3");
+    (config.robot.delay_steps, config.robot.odometry_noise) = (3, 0.05);
+    let simulator = || BatchSim::new(config.clone(), 4, 0, 1, true, None).unwrap();
+    let (mut whole, mut resumed) = (simulator(), simulator());
+    (0..20).for_each(|t| whole.step(&actions(4, t)).unwrap());
+    resumed.restore(&whole.state().unwrap()).unwrap();
+    for t in 20..120 {
+        whole.step(&actions(4, t)).unwrap();
+        resumed.step(&actions(4, t)).unwrap();
+        assert_eq!(whole.results(), resumed.results(), "step {t}");
+        assert!(whole.odometry().eq(resumed.odometry()));
+    }
+}
+
+#[test]
 fn ranges_are_the_same_whenever_they_are_asked_for() {
     let mut config = config("td3");
     config.lidar.noise = 0.05;
     for autoreset in [true, false] {
         let simulator = |threads| BatchSim::new(config.clone(), 7, 0, threads, autoreset, None).unwrap();
+        let ranges_of = |sim: &mut BatchSim| {
+            sim.keep_ranges().unwrap();
+            sim.ranges().to_vec()
+        };
         let mut kept = simulator(1);
-        let mut first = kept.ranges().unwrap().to_vec();
+        let first = ranges_of(&mut kept);
+        assert!(simulator(1).ranges().is_empty());
         for steps in [0, 1, 150] {
             let mut late = simulator(2);
             for t in 0..steps {
                 late.step(&actions(7, t)).unwrap();
                 kept.step(&actions(7, t)).unwrap();
             }
-            let ranges = kept.ranges().unwrap().to_vec();
-            assert!(steps == 0 || ranges != first);
-            assert_eq!(late.ranges().unwrap(), ranges);
+            assert!(steps == 0 || kept.ranges() != first);
+            assert_eq!(ranges_of(&mut late), kept.ranges());
             late.restore(&simulator(1).state().unwrap()).unwrap();
-            first = simulator(1).ranges().unwrap().to_vec();
-            assert_eq!(late.ranges().unwrap(), first);
+            assert_eq!(late.ranges(), first);
             kept.restore(&simulator(1).state().unwrap()).unwrap();
         }
     }

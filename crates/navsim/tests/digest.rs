@@ -1,4 +1,5 @@
-//! The promise of the same bits, whatever the number of threads and robots, the instruction set, debug or release.
+//! The promise of the same bits, whatever the number of threads and robots, the instruction set, debug or release; and
+//! of the same paths.
 //!
 //! NAVRL_FULL=1 tries every number of threads up to 16.
 #![allow(clippy::unwrap_used)]
@@ -7,7 +8,9 @@ mod drive;
 
 use drive::actions;
 use navsim::config::FootprintKind;
-use navsim::{BatchSim, Results, SimConfig};
+use navsim::cpu::Isa;
+use navsim::planner::{Plan, Planner, PlannerConfig, plan};
+use navsim::{BatchSim, Results, Scenario, SimConfig};
 use std::process::Command;
 
 /// Robots whose results are digested; a larger batch has others beside them.
@@ -17,7 +20,17 @@ const STEPS: u32 = 10_000;
 
 /// World, and the digest of `STEPS` steps in it.
 const STORED: [(&str, u64); 3] =
-    [("td3", 0x8c39_4d6e_5197_3004), ("open8", 0xc64b_b61a_85ef_5f3b), ("every_shape", 0x9197_72d9_b6a5_0cf4)];
+    [("td3", 0x8c39_4d6e_5197_3004), ("open8", 0xc64b_b61a_85ef_5f3b), ("every_shape", 0xbed3_b89e_e706_50a9)];
+
+/// Digest of every planner's paths.
+const STORED_PATHS: [(Planner, u64); 6] = [
+    (Planner::AStar, 0x6bac_effb_729d_a0bd),
+    (Planner::Dijkstra, 0x07f9_1e8a_93c6_d403),
+    (Planner::Rrt, 0x3d11_375f_19af_94db),
+    (Planner::RrtStar, 0xeb27_0855_142d_b7f8),
+    (Planner::AntColony, 0xd063_789b_7eb5_7fb6),
+    (Planner::FastMarching, 0x0e87_02ac_f6d5_b1ab),
+];
 
 /// The defaults in a world; the one of every shape has another robot and a lidar with every fault.
 fn config(world: &str) -> SimConfig {
@@ -76,16 +89,24 @@ impl Digest {
         self.add(results.episode_steps[robot]);
         self.add(results.episodes[robot] as u32);
     }
+
+    /// Everything of a plan but its time.
+    fn add_plan(&mut self, plan: &Plan) {
+        self.add(plan.status as u32);
+        self.add(plan.expansions as u32);
+        self.add_double(&[plan.length, plan.clearance]);
+        self.add_double(plan.path.as_flattened());
+    }
 }
 
 /// One digest of a run: that of each robot over all steps, joined in the order of the robots.
 fn digest(config: &SimConfig, num_envs: usize, threads: usize) -> u64 {
     let mut sim = BatchSim::new(config.clone(), num_envs, 3, threads, true, None).unwrap();
+    sim.keep_ranges().unwrap();
     let mut robots: Vec<Digest> = (0..ROBOTS).map(|_| Digest(0xcbf2_9ce4_8422_2325)).collect();
     for t in 0..=STEPS {
-        let ranges = sim.ranges().unwrap().to_vec();
         for (k, robot) in robots.iter_mut().enumerate() {
-            robot.add_robot(sim.results(), &ranges, k, num_envs);
+            robot.add_robot(sim.results(), sim.ranges(), k, num_envs);
         }
         sim.step(&actions(num_envs, t)).unwrap();
     }
@@ -123,14 +144,48 @@ fn neither_threads_nor_other_robots_change_the_digest() {
     check(&runs.take(if full { 19 } else { 3 }).collect::<Vec<_>>());
 }
 
-/// Runs the test above in a process of its own on each instruction set (or the machine's best, if that is lower).
+/// Runs the test above in a process of its own on each instruction set of this machine.
 #[test]
 fn every_instruction_set_gives_the_stored_digest() {
-    for isa in ["baseline", "avx2", "avx512"] {
+    for isa in Isa::available().map(Isa::name) {
         let mut test = Command::new(std::env::current_exe().unwrap());
         let output =
             test.args(["--exact", "one_thread_gives_the_stored_digest"]).env("NAVRL_ISA", isa).output().unwrap();
         let text = String::from_utf8_lossy(&output.stdout);
         assert!(output.status.success() && text.contains("1 passed"), "{isa}: {text}");
     }
+}
+
+/// A room with every kind of shape, and ways through it, the last of which is shut.
+fn ways() -> Vec<Scenario> {
+    let scenario = |[start, goal]: [[f64; 2]; 2]| {
+        let text = format!(
+            r#"{{"start": [{}, {}, 0.0], "goal": [{}, {}], "goal_radius": 0.3, "time_limit": 50.0,
+            "segments": [[-3, -3, 3, -3], [3, -3, 3, 3], [3, 3, -3, 3], [-3, 3, -3, -3], [1.2, 0.4, 1.9, 1.7]],
+            "boxes": [[0.0, 0.1, 0.4, 1.5, 1.0], [-1.6, 1.9, -1.1, 0.7, 0.4]],
+            "circles": [[1.4, -1.3, 0.45], [-1.3, -1.5, 0.3]], "polygons": [[[-2.1, 0.2], [-1.3, -0.1], [-1.7, 0.8]]]}}"#,
+            start[0], start[1], goal[0], goal[1]
+        );
+        Scenario::from_json(&text).unwrap()
+    };
+    let ways =
+        [[[-2.5, 0.1], [2.4, 0.0]], [[2.3, -2.4], [-2.2, 2.5]], [[-0.4, 2.3], [0.2, -2.2]], [[0.3, 1.9], [0.0, 4.0]]];
+    ways.map(scenario).to_vec()
+}
+
+#[test]
+fn every_planner_gives_the_stored_digest() {
+    let mut config = PlannerConfig::from_json(include_str!("planner.json")).unwrap();
+    let mut got = STORED_PATHS;
+    for (planner, digest) in &mut got {
+        let mut paths = Digest(0xcbf2_9ce4_8422_2325);
+        for shortcut in [true, false] {
+            config.shortcut = shortcut;
+            for (index, way) in ways().iter().enumerate() {
+                paths.add_plan(&plan(way, *planner, 0.25, &config, 3, index as u32).unwrap());
+            }
+        }
+        *digest = paths.0;
+    }
+    assert_eq!(got, STORED_PATHS, "{got:#018x?}");
 }

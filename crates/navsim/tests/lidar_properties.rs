@@ -42,7 +42,7 @@ impl Scene {
     /// Whether every way of casting gives the same bits: with and without shortcuts, on every instruction set.
     fn compare(&self) -> Result<(), TestCaseError> {
         let expected = self.bits(Caster::Raster, Isa::Baseline);
-        for isa in [Isa::Baseline, Isa::Avx2, Isa::Avx512] {
+        for isa in Isa::available() {
             prop_assert_eq!(&expected, &self.bits(Caster::Raster, isa), "raster, {}", isa.name());
             prop_assert_eq!(&expected, &self.bits(Caster::Auto, isa), "auto, {}", isa.name());
         }

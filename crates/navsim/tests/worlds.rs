@@ -339,3 +339,21 @@ fn a_far_shape_changes_nothing() {
     assert_eq!(alone, corridor(r#", "circles": [[900, 900, 1]]"#));
     assert_eq!(alone, corridor(r#", "circles": [[10, 900, 895]]"#));
 }
+
+/// The random boxes of an L-shaped room stand inside of it, and not in the quarter of its area that lies outside.
+#[test]
+fn random_boxes_of_a_file_stand_where_robots_drive() {
+    let walls = "[[0,0,8,0],[8,0,8,4],[8,4,4,4],[4,4,4,8],[4,8,0,8],[0,8,0,0]]";
+    let boxes = r#"{"count": 3, "sides": [0.3, 0.6], "clearance": 0.45}"#;
+    let generator =
+        from_file("l", &format!(r#"{{"area": [0, 0, 8, 8], "segments": {walls}, "random_boxes": {boxes}}}"#));
+    let mut layout = Layout::default();
+    for episode in 0..300 {
+        draw(&generator, 0, 0, episode, &mut layout).unwrap();
+        assert_eq!(layout.moved.len(), 3);
+        for shape in &layout.moved {
+            let Shape::Box { center: [x, y], .. } = shape else { panic!("{shape:?}") };
+            assert!(*x < 4.0 || *y < 4.0, "episode {episode}: {shape:?}");
+        }
+    }
+}

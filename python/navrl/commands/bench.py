@@ -15,6 +15,7 @@ from navrl.batch import BatchSim
 from navrl.commands.options import given_settings, output_file, threads, whole_number
 from navrl.config import SimConfig
 from navrl.config.files import Option, load_sim
+from navrl.durable import write_file
 from navrl.exit_codes import DONE
 
 SCHEMA = 1
@@ -98,4 +99,4 @@ def write_json(path: Path, config: SimConfig, speed: Speed, *, num_envs: int, nu
         "isa": _navsim.isa(),
         "steps_per_second": {"min": speed.minimum, "median": speed.median, "max": speed.maximum},
     }
-    path.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    write_file(path, (json.dumps(record, indent=2) + "\n").encode())

@@ -20,7 +20,7 @@ def evaluate(options: Namespace) -> int:
     from navrl.policy import load_policy
 
     policy = load_policy(options.policy)
-    sim = simulator(options, policy.description)
+    sim = simulator(options, options.policy, policy.description)
     print(f"navrl: evaluating {options.policy} on {place(options, sim)}", file=sys.stderr)
 
     from rich.console import Console

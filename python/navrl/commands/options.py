@@ -72,7 +72,10 @@ def output_file(flag: str, text: str) -> Path:
     if not text:
         raise UserError(f"{flag}: expects the name of a file")
     typed = Path(text)
-    path = typed.resolve() if typed.is_symlink() else typed
+    try:
+        path = typed.resolve() if typed.is_symlink() else typed
+    except RuntimeError:  # from Python 3.13 on an OSError, which is told as any other
+        raise UserError(f"{flag} {text}: is a link that leads back to itself") from None
     if path.is_dir():
         raise UserError(f"{flag} {text}: is a folder, not a file")
     if path.exists() and not path.is_file():

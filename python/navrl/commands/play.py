@@ -19,7 +19,7 @@ def play(options: Namespace) -> int:
 
     check_output(target)
     policy = load_policy(options.policy)
-    sim = simulator(options, policy.description)
+    sim = simulator(options, options.policy, policy.description)
     print(f"navrl: {options.policy} drives scenario {index} of {place(options, sim)}", file=sys.stderr)
     scenarios = scenario_list(options, sim, count=None, num_threads=threads(None), lengths=False)
     trajectory = drive(policy, scenarios, index, sim)

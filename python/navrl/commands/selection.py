@@ -14,11 +14,16 @@ if TYPE_CHECKING:
     from navrl.scenarios import ScenarioList
 
 
-def simulator(options: Namespace, description: "PolicyDescription") -> "SimConfig":
-    """The policy's robot in the world that was asked for: without one in that of the run, or in td3."""
+def check_boxes(options: Namespace) -> None:
+    """Refuses a number of boxes for a world that has none to count."""
     if options.boxes is not None and options.world != "boxes":
         raise UserError(f"--boxes {options.boxes}: goes with --world boxes")
-    run = Path(options.policy) / "config.toml"
+
+
+def simulator(options: Namespace, policy: str, description: "PolicyDescription") -> "SimConfig":
+    """The policy's robot in the world that was asked for: without one in that of the run, or in td3."""
+    check_boxes(options)
+    run = Path(policy) / "config.toml"
     if options.world is None and run.is_file():
         return description.sim_config(load_config(file=run).sim.world)
     return description.sim_config(load_sim(given_settings(options, "world", "boxes")).world)

@@ -1,5 +1,7 @@
 """The configuration: its tree of settings, and how files, presets and options are read, checked and refused."""
 
+from navrl.config.controllers import ApfConfig, ControllersConfig, DwaConfig, GapConfig, MppiConfig, PursuitConfig
+from navrl.config.planner import PlannerConfig
 from navrl.config.tree import (
     THREADS_MAX,
     WORLDS,
@@ -23,12 +25,19 @@ from navrl.config.tree import (
 __all__ = [
     "THREADS_MAX",
     "WORLDS",
+    "ApfConfig",
     "CheckpointConfig",
     "Config",
+    "ControllersConfig",
+    "DwaConfig",
     "ExplorationConfig",
+    "GapConfig",
     "LearnerConfig",
     "LidarConfig",
+    "MppiConfig",
     "NetworksConfig",
+    "PlannerConfig",
+    "PursuitConfig",
     "ReplayConfig",
     "RewardConfig",
     "RobotConfig",

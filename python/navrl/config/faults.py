@@ -4,17 +4,19 @@
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import fields
 from difflib import get_close_matches
 from functools import wraps
 from typing import Any, TypeVar, get_type_hints
 
-from pydantic import ValidationError
+from pydantic import ConfigDict, ValidationError
 
-from navrl.config.ranges import allowed, allowed_in, choices, keys
+from navrl.config.ranges import allowed, choices, keys
 from navrl.errors import SettingError, shown
 
 LONGEST_KEY = 60
+STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+"""How tables are validated: no unknown key, no other type, no infinity."""
 
 _Table = TypeVar("_Table")
 
@@ -48,23 +50,12 @@ def _refusal(table: type, error: ValidationError, values: tuple[Any, ...], named
     if path:
         key = f"{path}{first}"
         fault = out_of_range(key, given[first]) if first in names else unknown_key(path[:-1], first)
-    elif not any(is_dataclass(kind) for kind in get_type_hints(table).values()):
-        fault = _fault_alone(table, first, given[first])
     elif first in names:
         fault = f"{first} = {shown(given[first])}: must be a {get_type_hints(table)[first].__name__}"
     else:
         fault = unknown_table(first)
     more = f" (and {len(at_fault) - 1} more)" if len(at_fault) > 1 else ""
     return SettingError(fault + more, keys=tuple(f"{path}{name}" for name in at_fault))
-
-
-def _fault_alone(table: type, name: str, value: object) -> str:
-    """What to say of a setting of a table that is no part of the tree."""
-    names = [field.name for field in fields(table)]
-    if name in names:
-        return f"{name} = {shown(value)}: must be {allowed_in(table, name)}"
-    hint = meant(get_close_matches(name, names, n=1)) or f"; {table.__name__} has {', '.join(names)}"
-    return f"{_shown_key(name)}: no such setting{hint}"
 
 
 def out_of_range(key: str, value: object) -> str:

@@ -24,11 +24,6 @@ def allowed(tree: type, key: str) -> str:
     return describe(_hint(tree, key))
 
 
-def allowed_in(table: type, name: str) -> str:
-    """What the setting of that name in a single table may be."""
-    return describe(get_type_hints(table, include_extras=True)[name])
-
-
 def choices(tree: type, key: str) -> tuple[str, ...]:
     """The words that the setting may be; empty if it is no enumeration."""
     hint = _hint(tree, key)

@@ -10,16 +10,17 @@ from math import pi
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, Field
 from pydantic.dataclasses import dataclass
 
 from navrl.config.checks import check_config, check_sim
-from navrl.config.faults import one_line
+from navrl.config.controllers import ApfConfig, ControllersConfig, DwaConfig, GapConfig, MppiConfig, PursuitConfig
+from navrl.config.faults import STRICT, one_line
+from navrl.config.planner import PlannerConfig
 
 WORLDS = ("td3", "boxes", "open8")
 THREADS_MAX = 256
 """Most threads of a simulator, as the core has it."""
-STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
 def _world(name: Any) -> Any:  # noqa: ANN401 - any value may stand in a file
@@ -90,6 +91,10 @@ class RobotConfig:
     """Largest change of the forward speed (m/s^2); 0 means no limit."""
     angular_acceleration_max: _NotNegative = 0.0
     """Largest change of the turning speed (rad/s^2); 0 means no limit."""
+    delay_steps: Annotated[int, Field(ge=0, le=100)] = 0
+    """Control periods by which a command acts late; the robot stands until the first one acts."""
+    odometry_noise: Annotated[float, Field(ge=0, le=0.2)] = 0.0
+    """Standard deviation of odometry's scale errors, drawn once an episode; the goal is seen from where it leads to."""
 
 
 @one_line
@@ -345,6 +350,12 @@ class Config:
     validation: ValidationConfig = ValidationConfig()
     checkpoint: CheckpointConfig = CheckpointConfig()
     threads: ThreadsConfig = ThreadsConfig()
+    dwa: DwaConfig = DwaConfig()
+    apf: ApfConfig = ApfConfig()
+    gap: GapConfig = GapConfig()
+    mppi: MppiConfig = MppiConfig()
+    pursuit: PursuitConfig = PursuitConfig()
+    planner: PlannerConfig = PlannerConfig()
 
     def __post_init__(self) -> None:
         """Refuses settings that exclude each other.
@@ -358,3 +369,8 @@ class Config:
     def sim(self) -> SimConfig:
         """The part that the simulator reads."""
         return SimConfig(world=self.world, robot=self.robot, lidar=self.lidar, task=self.task, reward=self.reward)
+
+    @property
+    def controllers(self) -> ControllersConfig:
+        """The part that classical controllers read."""
+        return ControllersConfig(dwa=self.dwa, apf=self.apf, gap=self.gap, mppi=self.mppi, pursuit=self.pursuit)

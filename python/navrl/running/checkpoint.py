@@ -311,7 +311,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         manifest: dict[str, Any] = json.loads(content)
     except OSError as error:
         raise _DamagedError(f"{path}: {(error.strerror or 'cannot be read').lower()}") from None
-    except ValueError:
+    except (ValueError, RecursionError):
         raise _DamagedError(f"{path}: damaged: not JSON") from None
     sound = isinstance(manifest, dict) and _dump(manifest) == content and manifest.get("sha256") == _digest(manifest)
     if not sound:

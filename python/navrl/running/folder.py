@@ -204,12 +204,12 @@ class RunFolder:
         write_file(self.summary_file, (json.dumps(summary, indent=2) + "\n").encode())
 
     def summary(self) -> dict[str, Any] | None:
-        """What the finished run reported; None if it has not finished."""
+        """What the finished run reported; None if it has not finished, or the file is damaged."""
         try:
-            summary: dict[str, Any] = json.loads(self.summary_file.read_bytes())
-        except (OSError, ValueError):
+            summary = json.loads(self.summary_file.read_bytes())
+        except (OSError, ValueError, RecursionError):
             return None
-        return summary
+        return summary if isinstance(summary, dict) and "updates" in summary else None
 
 
 def _settings(config: Config) -> dict[str, Any]:

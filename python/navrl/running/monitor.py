@@ -6,7 +6,7 @@ Monitor(steps, episodes)                    where the run ends
     .validation(steps, scores, best)
     .check_saturation(share)
     .leave();  .close()
-result_lines(summary, folder, world) -> list of lines
+result_lines(summary, folder) -> list of lines
 """
 
 from __future__ import annotations
@@ -169,13 +169,12 @@ def _duration(seconds: float) -> str:
     return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
 
 
-def result_lines(summary: dict[str, Any], folder: Path, world: str) -> list[str]:
+def result_lines(summary: dict[str, Any], folder: Path) -> list[str]:
     """What a finished run says in the end.
 
     Args:
         summary: The content of summary.json.
         folder: The run folder.
-        world: Where it trained.
 
     Returns:
         Lines: the test's result, where the policy is, and a command to try next.
@@ -193,6 +192,5 @@ def result_lines(summary: dict[str, Any], folder: Path, world: str) -> list[str]
             f"SPL {summary['spl']:.3f}",
         ]
     lines.append(f"policy: {folder / 'policy'}, best in validation, after {summary['best_steps']:,} steps")
-    place = "" if world == "td3" else f" --world {shlex.quote(world)}"
-    lines.append(f"watch it drive: navrl play {folder}{place} --out drive.gif")
+    lines.append(f"watch it drive: navrl play {shlex.quote(str(folder))} --out drive.gif")
     return lines

@@ -96,7 +96,10 @@ class Run:
         except ValueError as error:
             raise UserError(str(error)) from None
         self.validation_list = self.load_list("validation", config.validation.scenarios)
-        self.replay = Replay(config.replay.capacity, row_width(inputs))
+        try:
+            self.replay = Replay(config.replay.capacity, row_width(inputs))
+        except MemoryError:
+            raise UserError(f"replay.capacity = {config.replay.capacity}: so many rows cannot be reserved") from None
         # As the moves will be made; the simulator above keeps denormal numbers.
         with flushed_denormals():
             self.learner = TD3(config, self.replay)

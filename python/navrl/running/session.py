@@ -147,7 +147,7 @@ def _finish(training: Training) -> None:
     summary = summarize_run(run, scores)
     run.folder.write_summary(summary)
     training.monitor.close()
-    print("\n".join(result_lines(summary, run.folder.path, run.config.world.name)), flush=True)
+    print("\n".join(result_lines(summary, run.folder.path)), flush=True)
 
 
 def _save_and_leave(training: Training) -> NoReturn:

@@ -43,6 +43,11 @@ impl Isa {
         }
     }
 
+    /// Those that this machine has, the lowest first.
+    pub fn available() -> impl Iterator<Item = Self> {
+        [Self::Baseline, Self::Avx2, Self::Avx512].into_iter().filter(|isa| *isa <= Self::detect())
+    }
+
     /// The best instruction set of this machine.
     #[cfg(target_arch = "x86_64")]
     pub fn detect() -> Self {
@@ -69,7 +74,7 @@ impl Isa {
 
 /// An instruction set that this machine has.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Path(Isa);
+pub(crate) struct Dispatch(Isa);
 
 /// Work that is compiled for every instruction set.
 pub(crate) trait Kernel {
@@ -77,13 +82,13 @@ pub(crate) trait Kernel {
     fn run(self);
 }
 
-impl Path {
-    /// The path for `isa`, or for the machine's best if that is lower.
+impl Dispatch {
+    /// To the body for `isa`, or for the machine's best if that is lower.
     pub fn new(isa: Isa) -> Self {
         Self(isa.min(Isa::detect()))
     }
 
-    /// Runs the body of `kernel` that was compiled for this path.
+    /// Runs the body of `kernel` that was compiled for it.
     #[inline]
     pub fn run(self, kernel: impl Kernel) {
         #[cfg(target_arch = "x86_64")]

@@ -7,7 +7,7 @@ mod isa;
 mod mode;
 
 pub use isa::Isa;
-pub(crate) use isa::{Kernel, Path};
+pub(crate) use isa::{Dispatch, Kernel};
 pub(crate) use mode::DefaultMode;
 
 /// The whole part of `value`, which is cut to 0 to 65,536 (0 for NaN): a conversion that vectorises, unlike `as`.
@@ -30,17 +30,4 @@ pub(crate) fn prefetch<T>(values: &[T]) {
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = values;
-}
-
-/// The larger of two numbers that are not negative: their bits are in the same order, and with integers the compiler
-/// writes whole blocks. With a comparison it writes parts of them, for which the next read of the block has to wait.
-#[inline(always)]
-pub(crate) fn larger(a: f32, b: f32) -> f32 {
-    f32::from_bits((a.to_bits() as i32).max(b.to_bits() as i32) as u32)
-}
-
-/// The smaller of two numbers that are not negative, as `larger`.
-#[inline(always)]
-pub(crate) fn smaller(a: f32, b: f32) -> f32 {
-    f32::from_bits((a.to_bits() as i32).min(b.to_bits() as i32) as u32)
 }

@@ -5,8 +5,7 @@
 use super::draw::{Draws, LaneRuns, lane_and_block};
 use super::fan::Fan;
 use super::view::View;
-use crate::cpu::smaller;
-use crate::world::{BLOCK, Lanes};
+use crate::world::{BLOCK, Lanes, smaller};
 use std::f32::consts::FRAC_PI_2;
 
 /// Draws the circles of a block.

@@ -6,8 +6,7 @@
 use super::draw::{Draws, LaneRuns, lane_and_block};
 use super::fan::Fan;
 use super::view::View;
-use crate::cpu::larger;
-use crate::world::{BLOCK, Lanes};
+use crate::world::{BLOCK, Lanes, larger};
 
 /// Edges that face the lidar and are not drawn yet, in its frame.
 #[derive(Debug, Clone)]
@@ -31,18 +30,22 @@ struct Ready {
 
 impl Default for Facing {
     fn default() -> Self {
-        Self { values: [[Lanes::all(0.0); 6]; 2], len: 0 }
+        Self { values: [Turned::EMPTY, Turned::EMPTY], len: 0 }
     }
 }
 
-/// Edges in the lidar's frame: from x, y, to x, y and along x, y, m.
-type Turned = [Lanes; 6];
+/// Sixteen edges in the lidar's frame: from x, y, to x, y and along x, y, m.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Turned([Lanes; 6]);
+
+/// Those of them that face the lidar and are not behind it, a bit for each.
+pub(super) type Seen = u32;
 
 impl Facing {
     /// Draws what of a block the lidar may see, now or with the next block; `finish` draws what is left.
     #[inline(always)]
-    pub fn add(&mut self, block: &impl Turn, view: View, fan: &Fan, draws: &mut Draws, depth: &mut [Lanes]) {
-        let (turned, seen) = block.turn(view, fan);
+    pub fn add(&mut self, block: &impl EdgeBlock, view: View, fan: &Fan, draws: &mut Draws, depth: &mut [Lanes]) {
+        let (turned, seen) = block.turned(view, fan);
         self.wait(&turned, seen);
         if self.len >= BLOCK {
             self.draw(BLOCK, fan, draws, depth);
@@ -53,11 +56,11 @@ impl Facing {
 
     /// Takes the edges whose bits are set in; fewer than sixteen are waiting.
     #[inline(always)]
-    fn wait(&mut self, turned: &Turned, mut seen: u32) {
+    fn wait(&mut self, turned: &Turned, mut seen: Seen) {
         while seen != 0 {
             let lane = seen.trailing_zeros() as usize % BLOCK;
             let block = &mut self.values[self.len / BLOCK % 2];
-            for (waiting, turned) in block.iter_mut().zip(turned) {
+            for (waiting, turned) in block.0.iter_mut().zip(&turned.0) {
                 waiting.0[self.len % BLOCK] = turned.0[lane];
             }
             self.len += 1;
@@ -87,21 +90,21 @@ impl Facing {
     }
 }
 
-/// 2^i.
+/// 2^i: a load, where a shift by a lane's own count takes the baseline several instructions.
 const BIT: [u32; BLOCK] = [1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768];
 
-/// A block of what has edges.
-pub(super) trait Turn {
-    /// Its edges in the lidar's frame, and a bit for each that faces the lidar and is not behind it.
-    fn turn(&self, view: View, fan: &Fan) -> (Turned, u32);
+/// A block of what has edges, as `Outline` keeps it.
+pub(super) trait EdgeBlock {
+    /// Its edges, and which of them the lidar sees.
+    fn turned(&self, view: View, fan: &Fan) -> (Turned, Seen);
 }
 
 /// `Outline::edges`.
-impl Turn for [Lanes; 7] {
+impl EdgeBlock for [Lanes; 7] {
     #[inline(always)]
-    fn turn(&self, view: View, fan: &Fan) -> (Turned, u32) {
+    fn turned(&self, view: View, fan: &Fan) -> (Turned, Seen) {
         let [from_x, from_y, to_x, to_y, along_x, along_y, back] = self;
-        let mut turned = [Lanes::all(0.0); 6];
+        let mut turned = Turned::EMPTY;
         let mut seen = [0_u32; BLOCK];
         for i in 0..BLOCK {
             let (ax, ay) = view.turn(from_x.0[i] - view.x, from_y.0[i] - view.y);
@@ -111,7 +114,7 @@ impl Turn for [Lanes; 7] {
             let behind = fan.is_behind(ax, ay) & fan.is_behind(bx, by);
             let faces = (cross < 0.0) | (cross > back.0[i]);
             seen[i] = if faces & !behind { BIT[i] } else { 0 };
-            for (row, value) in turned.iter_mut().zip([ax, ay, bx, by, ex, ey]) {
+            for (row, value) in turned.0.iter_mut().zip([ax, ay, bx, by, ex, ey]) {
                 row.0[i] = value;
             }
         }
@@ -120,11 +123,11 @@ impl Turn for [Lanes; 7] {
 }
 
 /// `Outline::faces`: of two opposite faces at most one is seen, the nearer one, if the lidar is not between their lines.
-impl Turn for [Lanes; 6] {
+impl EdgeBlock for [Lanes; 6] {
     #[inline(always)]
-    fn turn(&self, view: View, fan: &Fan) -> (Turned, u32) {
+    fn turned(&self, view: View, fan: &Fan) -> (Turned, Seen) {
         let [center_x, center_y, along_x, along_y, across_x, across_y] = self;
-        let mut turned = [Lanes::all(0.0); 6];
+        let mut turned = Turned::EMPTY;
         let mut seen = [0_u32; BLOCK];
         for i in 0..BLOCK {
             let (cx, cy) = view.turn(center_x.0[i] - view.x, center_y.0[i] - view.y);
@@ -139,7 +142,7 @@ impl Turn for [Lanes; 6] {
             let (bx, by) = if nearer { (cx + px, cy + py) } else { (cx + qx, cy + qy) };
             let behind = fan.is_behind(ax, ay) & fan.is_behind(bx, by);
             seen[i] = if (center.abs() > half.abs()) & !behind { BIT[i] } else { 0 };
-            for (row, value) in turned.iter_mut().zip([ax, ay, bx, by, 2.0 * ux, 2.0 * uy]) {
+            for (row, value) in turned.0.iter_mut().zip([ax, ay, bx, by, 2.0 * ux, 2.0 * uy]) {
                 row.0[i] = value;
             }
         }
@@ -147,12 +150,16 @@ impl Turn for [Lanes; 6] {
     }
 }
 
+impl Turned {
+    const EMPTY: Self = Self([Lanes::all(0.0); 6]);
+}
+
 impl Ready {
     #[inline(always)]
     fn new(turned: &Turned) -> Self {
         const NONE: [Lanes; 2] = [Lanes::all(0.0); 2];
         let mut ready = Self { right: NONE, left: NONE, slope: NONE, limits: NONE };
-        let [from_x, from_y, to_x, to_y, along_x, along_y] = turned;
+        let Turned([from_x, from_y, to_x, to_y, along_x, along_y]) = turned;
         for i in 0..BLOCK {
             let (ax, ay, bx, by) = (from_x.0[i], from_y.0[i], to_x.0[i], to_y.0[i]);
             let (ex, ey) = (along_x.0[i], along_y.0[i]);
@@ -207,17 +214,18 @@ impl Ready {
 /// by intervals, so the same bits, but no intervals, and the depth stays in registers.
 #[inline(always)]
 pub(super) fn draw_all<const N: usize>(
-    blocks: &[impl Turn],
+    blocks: &[impl EdgeBlock],
     view: View,
     fan: &Fan,
     facing: &mut Facing,
     draws: &mut Draws,
     depth: &mut [Lanes],
 ) {
+    debug_assert_eq!((fan.directions.len(), depth.len()), (N, N));
     let (Some(beams), Some(depth)) = (fan.directions.first_chunk::<N>(), depth.first_chunk_mut::<N>()) else { return };
     let mut nearest = *depth;
     for block in blocks {
-        let (turned, seen) = block.turn(view, fan);
+        let (turned, seen) = block.turned(view, fan);
         let edge_on = seen & edge_on(&turned);
         let ready = Ready::new(&turned);
         let mut rest = seen & !edge_on;
@@ -240,8 +248,8 @@ pub(super) fn draw_all<const N: usize>(
 
 /// A bit for each edge whose ends are in the same direction or in opposite ones, within 1e-4 rad.
 #[inline(always)]
-fn edge_on(turned: &Turned) -> u32 {
-    let [ax, ay, bx, by, ..] = turned;
+fn edge_on(turned: &Turned) -> Seen {
+    let Turned([ax, ay, bx, by, ..]) = turned;
     let mut bits = [0; BLOCK];
     for i in 0..BLOCK {
         let (ax, ay, bx, by) = (ax.0[i], ay.0[i], bx.0[i], by.0[i]);

@@ -13,9 +13,10 @@ mod walk;
 
 pub use bins::Bins;
 pub use fan::beam_angle;
+pub(crate) use noise::{draw_normals, sin_turn};
 
 use crate::config::{Caster, LidarConfig};
-use crate::cpu::{Isa, Path};
+use crate::cpu::{Dispatch, Isa};
 use crate::error::Result;
 use crate::pose::Pose;
 use crate::rng::StreamName;
@@ -35,7 +36,7 @@ pub struct Lidar {
     offset: f32,
     noise: Noise,
     caster: Caster,
-    path: Path,
+    dispatch: Dispatch,
 }
 
 /// Working memory of a scan; one for each thread.
@@ -85,7 +86,7 @@ impl Lidar {
             offset: libm::hypot(x, y) as f32,
             noise: Noise::new(config),
             caster: config.caster,
-            path: Path::new(isa),
+            dispatch: Dispatch::new(isa),
         }
     }
 
@@ -121,14 +122,14 @@ impl Lidar {
     /// The result (m, one per beam) stays in the buffer and is returned.
     pub fn scan<'b>(&self, around: &Surroundings, name: &NoiseName, buffer: &'b mut ScanBuffer) -> &'b [f32] {
         self.cast(around, buffer);
-        self.path.run(noise::Disturb { noise: &self.noise, name, ranges: &mut buffer.ranges });
+        self.dispatch.run(noise::Disturb { noise: &self.noise, name, ranges: &mut buffer.ranges });
         &buffer.ranges[..self.fan.beams]
     }
 
     /// Writes the smallest range (m) of each bin of the last scan to `pooled`; a bin that lost all its beams gets
     /// infinity.
     pub fn pool(&self, buffer: &ScanBuffer, pooled: &mut [f32]) {
-        self.path.run(bins::Pool { bins: &self.bins, ranges: &buffer.ranges, pooled });
+        self.dispatch.run(bins::Pool { bins: &self.bins, ranges: &buffer.ranges, pooled });
     }
 
     /// Exact ranges without noise or lower bound.
@@ -147,7 +148,7 @@ impl Lidar {
         } else {
             let outlines = around.obstacles.map(Obstacles::outline);
             let shortcuts = self.caster == Caster::Auto;
-            self.path.run(Scan { outlines, shortcuts, view, fan: &self.fan, scratch: &mut buffer.raster, ranges });
+            self.dispatch.run(Scan { outlines, shortcuts, view, fan: &self.fan, scratch: &mut buffer.raster, ranges });
         }
     }
 
@@ -160,7 +161,7 @@ impl Lidar {
             let [cos, sin] = &self.fan.directions[i / BLOCK];
             let (cos, sin) = (cos.0[i % BLOCK], sin.0[i % BLOCK]);
             let direction = [view.cos * cos - view.sin * sin, view.sin * cos + view.cos * sin];
-            *range = around.obstacles.iter().fold(self.noise.range_max, |nearest, obstacles| {
+            *range = around.obstacles.iter().fold(self.fan.range_max, |nearest, obstacles| {
                 obstacles.cast_ray([view.x, view.y], direction, nearest)
             });
         }

@@ -13,7 +13,7 @@ use crate::world::BLOCK;
 /// Words of a random block.
 const WORDS: usize = 4;
 /// Random numbers of one round of the loops: a random block for each lane.
-pub(super) const ROUND: usize = BLOCK * WORDS;
+pub(crate) const ROUND: usize = BLOCK * WORDS;
 
 /// How a lidar departs from exact ranges. 0 switches each part off.
 #[derive(Debug, Clone, Copy)]
@@ -105,7 +105,7 @@ fn add_normals(noise: &Noise, stream: &StreamName, first_block: u32, sigma: impl
 
 /// 64 normal numbers from 16 random blocks.
 #[inline(always)]
-fn draw_normals(stream: &StreamName, first_block: u32, normals: &mut [f32; ROUND]) {
+pub(crate) fn draw_normals(stream: &StreamName, first_block: u32, normals: &mut [f32; ROUND]) {
     let words = stream.sixteen_blocks(first_block);
     for pair in 0..2 {
         let (radii, turns) = (words[2 * pair], words[2 * pair + 1]);
@@ -136,7 +136,7 @@ fn ln_unit(word: u32) -> f32 {
 
 /// sin(2 pi turn) for turn in [-1/2, 1/2], within 5e-6.
 #[inline(always)]
-fn sin_turn(turn: f32) -> f32 {
+pub(crate) fn sin_turn(turn: f32) -> f32 {
     let folded = if turn > 0.25 { 0.5 - turn } else { turn };
     let folded = if folded < -0.25 { -0.5 - folded } else { folded };
     let x = folded * (2.0 * std::f32::consts::PI);

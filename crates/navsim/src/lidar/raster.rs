@@ -9,7 +9,7 @@
 
 use super::circles;
 use super::draw::Draws;
-use super::edges::{Facing, Turn, draw_all};
+use super::edges::{EdgeBlock, Facing, draw_all};
 use super::fan::Fan;
 use super::view::View;
 use super::walk::{Depth, Walk};
@@ -54,27 +54,23 @@ pub(super) struct Scan<'a> {
 impl Kernel for Scan<'_> {
     #[inline(always)]
     fn run(self) {
-        scan(self);
-    }
-}
-
-#[inline(always)]
-fn scan(Scan { outlines, shortcuts, view, fan, scratch, ranges }: Scan) {
-    let range_max = fan.range_max;
-    let farthest = 1.0 / range_max;
-    scratch.depth.fill(Lanes::all(farthest));
-    draw_edges(outlines, shortcuts, view, fan, scratch);
-    copy(&scratch.depth, ranges);
-    for range in ranges.iter_mut() {
-        let hit = 1.0 / *range;
-        *range = if (*range > farthest) & (hit < range_max) { hit } else { range_max };
-    }
-    if outlines.iter().any(|outline| !outline.circles.blocks().is_empty()) {
-        for (block, row) in scratch.depth.iter_mut().zip(ranges.chunks_exact(BLOCK)) {
-            block.0.copy_from_slice(row);
-        }
-        draw_circles(outlines, shortcuts, view, fan, scratch);
+        let Self { outlines, shortcuts, view, fan, scratch, ranges } = self;
+        let range_max = fan.range_max;
+        let farthest = 1.0 / range_max;
+        scratch.depth.fill(Lanes::all(farthest));
+        draw_edges(outlines, shortcuts, view, fan, scratch);
         copy(&scratch.depth, ranges);
+        for range in ranges.iter_mut() {
+            let hit = 1.0 / *range;
+            *range = if (*range > farthest) & (hit < range_max) { hit } else { range_max };
+        }
+        if outlines.iter().any(|outline| !outline.circles.blocks().is_empty()) {
+            for (block, row) in scratch.depth.iter_mut().zip(ranges.chunks_exact(BLOCK)) {
+                block.0.copy_from_slice(row);
+            }
+            draw_circles(outlines, shortcuts, view, fan, scratch);
+            copy(&scratch.depth, ranges);
+        }
     }
 }
 
@@ -93,7 +89,7 @@ fn draw_edges(outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, s
 #[inline(always)]
 fn draw_blocks<const ROWS: usize>(all: &Blocks<ROWS>, shortcuts: bool, view: View, fan: &Fan, scratch: &mut Scratch)
 where
-    [Lanes; ROWS]: Turn,
+    [Lanes; ROWS]: EdgeBlock,
 {
     let Scratch { depth, draws, facing, walk } = scratch;
     let blocks = all.blocks();
@@ -140,6 +136,7 @@ fn draw_circles(outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan,
     }
 }
 
+#[inline(always)]
 fn copy(depth: &[Lanes], ranges: &mut [f32]) {
     for (row, block) in ranges.chunks_exact_mut(BLOCK).zip(depth) {
         row.copy_from_slice(&block.0);

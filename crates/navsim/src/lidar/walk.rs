@@ -4,8 +4,7 @@ use super::circles::half_width;
 use super::draw::LaneRuns;
 use super::fan::{Fan, Runs};
 use super::view::View;
-use crate::cpu::{larger, smaller};
-use crate::world::{BLOCK, Lanes, Tree};
+use crate::world::{BLOCK, Lanes, Tree, larger, smaller};
 use std::f32::consts::PI;
 
 /// What the depth buffer holds.

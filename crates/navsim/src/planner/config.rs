@@ -1,9 +1,10 @@
 //! Settings of the planners. Python holds the defaults; here every field must be given and is checked once more.
 
+use crate::config::check;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// Settings of all planners; each reads its own.
+/// Settings of all planners; each reads its own. They are the table `planner` of the configuration file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlannerConfig {
@@ -14,7 +15,7 @@ pub struct PlannerConfig {
     pub resolution: f64,
     /// Side of a cell of `antcolony`, m, in [0.001, 100].
     pub ant_resolution: f64,
-    /// Longest edge of `rrt` and `rrtstar`, m, in [0.001, 1000].
+    /// How far a tree grows towards a sample at most, m, in [0.001, 1000]. `rrtstar` then joins points at any distance.
     pub step: f64,
     /// Samples of `rrt` (at most) and `rrtstar`, 1 to 10 million.
     pub samples: u64,
@@ -52,29 +53,22 @@ impl PlannerConfig {
     /// # Errors
     /// `Error::Setting` with the first that is out of range.
     pub fn validate(&self) -> Result<()> {
-        let (samples, ants, rounds) = (self.samples as f64, f64::from(self.ants), f64::from(self.rounds));
-        for (key, value, low, high) in [
-            ("margin", self.margin, 0.0, 100.0),
-            ("resolution", self.resolution, 1e-3, 100.0),
-            ("ant_resolution", self.ant_resolution, 1e-3, 100.0),
-            ("step", self.step, 1e-3, 1000.0),
-            ("samples", samples, 1.0, 1e7),
-            ("goal_bias", self.goal_bias, 0.0, 1.0 - f64::EPSILON),
-            ("ants", ants, 1.0, 1e4),
-            ("rounds", rounds, 1.0, 1e4),
-            ("evaporation", self.evaporation, f64::MIN_POSITIVE, 1.0),
-            ("goal_weight", self.goal_weight, 0.0, 20.0),
-            ("time_limit", self.time_limit, 0.0, 1e6),
-        ] {
-            if !(value >= low && value <= high) {
-                let expected = format!("a number from {low} to {high}");
-                return Err(Error::Setting { key, value: value.to_string(), expected });
-            }
-        }
-        if self.spacing != 0.0 && !(self.spacing >= 1e-3 && self.spacing <= 1000.0) {
-            let expected = "0, or a number from 0.001 to 1000".into();
-            return Err(Error::Setting { key: "spacing", value: self.spacing.to_string(), expected });
-        }
-        Ok(())
+        let range = |key, value: f64, [low, high]: [f64; 2], expected| {
+            check(key, value, (low..=high).contains(&value), expected)
+        };
+        range("planner.margin", self.margin, [0.0, 100.0], "in [0, 100] m")?;
+        range("planner.resolution", self.resolution, [1e-3, 100.0], "in [0.001, 100] m")?;
+        range("planner.ant_resolution", self.ant_resolution, [1e-3, 100.0], "in [0.001, 100] m")?;
+        range("planner.step", self.step, [1e-3, 1000.0], "in [0.001, 1000] m")?;
+        range("planner.samples", self.samples as f64, [1.0, 1e7], "1 to 10,000,000")?;
+        check("planner.goal_bias", self.goal_bias, (0.0..1.0).contains(&self.goal_bias), "in [0, 1)")?;
+        range("planner.ants", self.ants.into(), [1.0, 1e4], "1 to 10,000")?;
+        range("planner.rounds", self.rounds.into(), [1.0, 1e4], "1 to 10,000")?;
+        check("planner.evaporation", self.evaporation, self.evaporation > 0.0 && self.evaporation <= 1.0, "in (0, 1]")?;
+        range("planner.goal_weight", self.goal_weight, [0.0, 20.0], "in [0, 20]")?;
+        range("planner.time_limit", self.time_limit, [0.0, 1e6], "in [0, 1,000,000] s")?;
+        let corners_only = self.spacing == 0.0;
+        let spacing = corners_only || (1e-3..=1000.0).contains(&self.spacing);
+        check("planner.spacing", self.spacing, spacing, "0, or in [0.001, 1000] m")
     }
 }

@@ -1,9 +1,8 @@
 //! The way down a field of distances: a path from any place to the goal of a march.
 
-use super::fast_marching::Field;
-use super::inflated::{Point, along, apart};
 use super::occupancy::{Map, TAIL_CELLS};
 use super::problem::Problem;
+use crate::grown::{Field, Point, along, apart};
 
 /// Length of a step against the gradient, in cells.
 const STEP: f64 = 0.5;

@@ -5,9 +5,8 @@
 //! of half a cell (Dial, "Algorithm 360: shortest-path forest with topological ordering", CACM 12, 1969): nodes of one
 //! bucket are taken in any order, and once more if they turn out to be nearer than thought.
 
-use super::fast_marching::Grid;
-use super::inflated::Point;
 use super::occupancy::{Anchor, Map};
+use crate::grown::{Grid, Point};
 use std::f64::consts::SQRT_2;
 
 /// Buckets of the ring. Keys in use at one time differ by less than 20 cells: an edge changes a key by 3 cells at most,

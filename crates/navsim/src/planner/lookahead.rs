@@ -1,7 +1,7 @@
 //! Intermediate goals along paths: what a robot drives to when a planner knows the way.
 
-use super::inflated::{Point, apart};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, expect_length};
+use crate::grown::{Point, apart};
 
 /// Paths of many robots and how far each robot has come.
 #[derive(Debug, Clone)]
@@ -26,9 +26,7 @@ impl Lookahead {
     /// # Errors
     /// Paths and goals of different number, a coordinate that is not finite, or a distance out of range.
     pub fn new(paths: &[Vec<Point>], goals: &[Point], distance: f64) -> Result<Self> {
-        if paths.len() != goals.len() {
-            return Err(Error::Length { name: "goals", expected: paths.len(), got: goals.len() });
-        }
+        expect_length("goals", paths.len(), goals.len())?;
         if !(distance > 0.0 && distance <= 1000.0) {
             let expected = "a number in (0, 1000]".into();
             return Err(Error::Setting { key: "distance", value: distance.to_string(), expected });
@@ -74,9 +72,7 @@ impl Lookahead {
     /// A position that is not finite, or arrays of another length; nothing has changed then.
     pub fn update(&mut self, positions: &[Point], targets: &mut [Point]) -> Result<()> {
         for (name, got) in [("positions", positions.len()), ("targets", targets.len())] {
-            if got != self.len() {
-                return Err(Error::Length { name, expected: self.len(), got });
-            }
+            expect_length(name, self.len(), got)?;
         }
         finite("positions", positions.iter().enumerate())?;
         for (robot, target) in targets.iter_mut().enumerate() {

@@ -1,6 +1,6 @@
 //! Points found by place: which is nearest, which lie around.
 
-use super::inflated::{Point, apart};
+use crate::grown::{Point, apart};
 
 /// Squares along the longer side of the area.
 const SQUARES: f64 = 64.0;

@@ -1,15 +1,13 @@
 //! The free places of a known world on a grid.
 //!
 //! The grid is conservative, as that of `world::free_space`: a node is free if its clearance is at least
-//! sqrt(R^2 + h^2/2), h the side of a cell. Then a disc of radius R rolls between any two neighbours, diagonal ones
-//! too, and anywhere within a cell of four free nodes: with weights w_i that sum to 1 and an obstacle point k,
-//! |sum w_i c_i - k|^2 = sum w_i |c_i - k|^2 - sum w_i |c_i - sum w_j c_j|^2 >= R^2 + h^2/2 - h^2/2. So no edge needs a
-//! test of its own and no corner is cut. What is lost are passages little wider than 2 R.
+//! `rolling_clearance`. So no edge between neighbours needs a test of its own and no corner is cut. What is lost are
+//! passages little wider than the robot.
 
-use super::fast_marching::{BORDER, Grid};
-use super::inflated::{InflatedSolid, Point, apart};
 use super::problem::Problem;
 use crate::error::{Error, Result};
+use crate::grown::{BORDER, Grid, GrownShape, Point, apart};
+use crate::world::rolling_clearance;
 
 /// Cells around a point within which it is joined to nodes by straight lines.
 const ANCHOR_CELLS: f64 = 3.0;
@@ -63,11 +61,11 @@ impl Map {
             map.blocked[row * grid.columns..][inner.clone()].fill(false);
         }
         let clearance = problem.clearance;
-        let lift = (clearance * clearance + 0.5 * cell * cell).sqrt() - clearance;
-        let solids = problem.world.solids();
-        let mut near: Vec<u32> = (0..solids.len() as u32).collect();
+        let lift = rolling_clearance(clearance, cell) - clearance;
+        let shapes = problem.world.shapes();
+        let mut near: Vec<u32> = (0..shapes.len() as u32).collect();
         let side = grid.columns.max(grid.rows).next_power_of_two();
-        map.carve(solids, lift, Block { column: 0, row: 0, side }, &mut near, 0);
+        map.carve(shapes, lift, Block { column: 0, row: 0, side }, &mut near, 0);
         Ok(map)
     }
 
@@ -75,7 +73,7 @@ impl Map {
     ///
     /// Clearances change by no more than the distance between two points: one at the middle of the block tells which
     /// shapes matter in it, and mostly that none does or one covers it.
-    fn carve(&mut self, solids: &[InflatedSolid], lift: f64, block: Block, near: &mut Vec<u32>, first: usize) {
+    fn carve(&mut self, shapes: &[GrownShape], lift: f64, block: Block, near: &mut Vec<u32>, first: usize) {
         let Block { column, row, side } = block;
         let grid = self.grid;
         if column >= grid.columns || row >= grid.rows {
@@ -88,7 +86,7 @@ impl Map {
         let reach = half * grid.cell * (std::f64::consts::SQRT_2 + 1e-9);
         let (kept, mut covered) = (near.len(), false);
         for i in first..kept {
-            let clearance = solids[near[i] as usize].clearance(middle) - lift;
+            let clearance = shapes[near[i] as usize].clearance(middle) - lift;
             covered |= clearance < -reach;
             if clearance < reach {
                 near.push(near[i]);
@@ -102,7 +100,7 @@ impl Map {
         } else if near.len() > kept {
             let side = side / 2;
             for (right, up) in [(0, 0), (side, 0), (0, side), (side, side)] {
-                self.carve(solids, lift, Block { column: column + right, row: row + up, side }, near, kept);
+                self.carve(shapes, lift, Block { column: column + right, row: row + up, side }, near, kept);
             }
         }
         near.truncate(kept);

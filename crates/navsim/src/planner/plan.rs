@@ -4,15 +4,16 @@ use super::ant_colony::ant_colony;
 use super::budget::Budget;
 use super::config::PlannerConfig;
 use super::descent::descend;
-use super::fast_marching::Field;
 use super::grid_search::{Route, search};
-use super::inflated::Point;
 use super::occupancy::Map;
 use super::problem::Problem;
 use super::rrt::rrt;
 use super::rrt_star::rrt_star;
 use super::smooth::{cut, divide, length, pull_tight};
-use crate::error::{Error, Result};
+use crate::config::check;
+use crate::cpu::DefaultMode;
+use crate::error::Result;
+use crate::grown::{Field, Point};
 use crate::rng::{Purpose, Split, Stream, StreamName};
 use crate::world::Scenario;
 use std::time::Instant;
@@ -21,6 +22,9 @@ use std::time::Instant;
 const NODES_MAX: usize = 10_000_000;
 /// Most nodes of a map for ants, whose trails take 41 bytes for each.
 const ANT_NODES_MAX: usize = 1_000_000;
+
+/// Largest radius of a robot, m: that of the largest coordinate.
+const RADIUS_MAX: f64 = 1000.0;
 
 /// Ways to find a path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -105,7 +109,7 @@ pub struct Plan {
     pub time: f64,
 }
 
-/// Plans the way of `scenario` for a robot of `radius` (m, > 0; for a rectangle the radius of the circle around it).
+/// Plans the way of `scenario` for a robot of `radius` (m, in (0, 1000]; for a rectangle the radius of the circle around it).
 /// `seed` and `index` name the random numbers of `rrt`, `rrtstar` and `antcolony`.
 ///
 /// # Errors
@@ -120,11 +124,9 @@ pub fn plan(
     index: u32,
 ) -> Result<Plan> {
     let began = Instant::now();
+    let _mode = DefaultMode::set();
     config.validate()?;
-    if !(radius > 0.0 && radius.is_finite()) {
-        let expected = "a number above 0".into();
-        return Err(Error::Setting { key: "radius", value: radius.to_string(), expected });
-    }
+    check("radius", radius, radius > 0.0 && radius <= RADIUS_MAX, "in (0, 1000] m")?;
     let cell = match planner {
         Planner::AntColony => config.ant_resolution,
         Planner::Rrt | Planner::RrtStar => 0.0,
@@ -171,20 +173,20 @@ fn find(problem: &Problem, planner: Planner, config: &PlannerConfig, random: &mu
             Outcome { path, expansions: budget.spent }
         }
         Planner::AntColony => {
-            let map = Map::new(problem, "ant_resolution", config.ant_resolution, ANT_NODES_MAX)?;
+            let map = Map::new(problem, "planner.ant_resolution", config.ant_resolution, ANT_NODES_MAX)?;
             let mut budget = Budget::new(u64::from(config.rounds), config.time_limit);
             let route = ant_colony(problem, &map, config, random, &mut budget);
             let ended = if budget.is_late() { Status::BudgetSpent } else { Status::TooCoarse };
             Outcome { path: walked(problem, &map, &route).ok_or(ended), expansions: route.expansions }
         }
         Planner::AStar | Planner::Dijkstra => {
-            let map = Map::new(problem, "resolution", config.resolution, NODES_MAX)?;
+            let map = Map::new(problem, "planner.resolution", config.resolution, NODES_MAX)?;
             let lead = (planner == Planner::AStar).then_some(problem.goal);
             let route = search(&map, &map.around(problem, problem.start), &map.goals(problem), lead);
             Outcome { path: walked(problem, &map, &route).ok_or(Status::TooCoarse), expansions: route.expansions }
         }
         Planner::FastMarching => {
-            let map = Map::new(problem, "resolution", config.resolution, NODES_MAX)?;
+            let map = Map::new(problem, "planner.resolution", config.resolution, NODES_MAX)?;
             let field = Field::march(map.grid, &map.blocked, &map.goals(problem));
             let expansions = field.distances().iter().filter(|distance| distance.is_finite()).count() as u64;
             Outcome { path: descend(problem, &map, &field).ok_or(Status::TooCoarse), expansions }

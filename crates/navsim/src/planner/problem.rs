@@ -1,9 +1,8 @@
 //! What a planner is asked: from a start into a goal circle, at a clearance from every shape, and whether that can be.
 
-use super::goal_disc::GoalDisc;
-use super::inflated::{Inflated, InflatedSolid, Point, apart};
 use super::plan::Status;
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::grown::{GoalDisc, GrownShape, GrownWorld, Point, along, apart, bounds};
 use crate::world::Scenario;
 
 /// Clearance (m) on top of what is asked: more than the rounding that the exact tests forgive, so that a path keeps
@@ -11,14 +10,12 @@ use crate::world::Scenario;
 const GUARD: f64 = 2e-9;
 /// Share of the goal's radius by which a path ends within the circle: who reaches its end has reached the goal.
 const DEPTH: f64 = 1e-3;
-/// Largest clearance, m: that of the largest coordinate.
-const CLEARANCE_MAX: f64 = 1000.0;
 
 /// A known world for one way.
 #[derive(Debug)]
 pub(crate) struct Problem {
     /// The obstacles grown by the clearance.
-    pub world: Inflated,
+    pub world: GrownWorld,
     /// Every place that a path may need: [x0, y0, x1, y1], m.
     pub bounds: [f64; 4],
     pub start: Point,
@@ -30,30 +27,22 @@ pub(crate) struct Problem {
 }
 
 impl Problem {
-    /// The way of `scenario` at a `clearance` (m, in (0, 1000]) of the robot's centre from every shape: its radius, for
+    /// The way of `scenario` at a `clearance` (m, > 0) of the robot's centre from every shape: its radius, for
     /// a rectangle that of the circle around it, and what it shall keep beyond. `room` (m, >= 0) is left free around
     /// all shapes beside what the robot needs to drive around them.
     ///
     /// # Errors
-    /// What `Scenario::validate` refuses, or a clearance out of range.
+    /// What `Scenario::validate` refuses.
     pub fn new(scenario: &Scenario, clearance: f64, room: f64) -> Result<Self> {
         scenario.validate()?;
-        if !(clearance > 0.0 && clearance <= CLEARANCE_MAX) {
-            let expected = format!("radius and margin together in (0, {CLEARANCE_MAX}]");
-            return Err(Error::Setting { key: "radius", value: clearance.to_string(), expected });
-        }
-        let grow = |shape| InflatedSolid::new(shape, clearance + GUARD);
-        let solids: Vec<InflatedSolid> = scenario.shapes.iter().map(grow).collect();
+        let grow = |shape| GrownShape::new(shape, clearance + GUARD);
+        let shapes: Vec<GrownShape> = scenario.shapes.iter().map(grow).collect();
         let (start, goal, reach) = ([scenario.start.x, scenario.start.y], scenario.goal, scenario.goal_radius);
-        let mut bounds = [goal[0] - reach, goal[1] - reach, goal[0] + reach, goal[1] + reach];
-        let point = [start[0], start[1], start[0], start[1]];
-        for [x0, y0, x1, y1] in solids.iter().map(InflatedSolid::bounds).chain([point]) {
-            bounds = [bounds[0].min(x0), bounds[1].min(y0), bounds[2].max(x1), bounds[3].max(y1)];
-        }
+        let bounds = bounds(&shapes, start, goal, reach);
         let grown = |room: f64| [bounds[0] - room, bounds[1] - room, bounds[2] + room, bounds[3] + room];
         let room = clearance + room;
         // The grids over the bounds reach a little beyond them.
-        let world = Inflated::new(solids, grown(2.0 * room));
+        let world = GrownWorld::new(shapes, grown(2.0 * room));
         Ok(Self { world, bounds: grown(room), start, goal, goal_radius: (1.0 - DEPTH) * reach, clearance })
     }
 
@@ -83,7 +72,7 @@ impl Problem {
         if rest <= 0.0 {
             return Some(point);
         }
-        let end = super::inflated::along(point, self.goal, rest);
+        let end = along(point, self.goal, rest);
         self.is_clear(point, end).then_some(end)
     }
 

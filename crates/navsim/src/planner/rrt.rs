@@ -4,9 +4,9 @@
 
 use super::budget::Budget;
 use super::config::PlannerConfig;
-use super::inflated::{Point, along, apart};
 use super::neighbours::Neighbours;
 use super::problem::Problem;
+use crate::grown::{Point, along, apart};
 use crate::rng::Stream;
 
 /// Grows a tree from the start, by at most `step` (m) towards every sample, until a straight way of at most `step`

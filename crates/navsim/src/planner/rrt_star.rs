@@ -6,10 +6,10 @@
 
 use super::budget::Budget;
 use super::config::PlannerConfig;
-use super::inflated::{Point, apart};
 use super::neighbours::Neighbours;
 use super::problem::Problem;
 use super::rrt::{sample, steer, way_to};
+use crate::grown::{Point, apart};
 use crate::rng::Stream;
 use std::f64::consts::TAU;
 

@@ -1,7 +1,7 @@
 //! What is done to a path once it is found: cut at the goal circle, pulled tight, divided evenly.
 
-use super::inflated::{Point, along, apart};
 use super::problem::Problem;
+use crate::grown::{Point, along, apart};
 
 /// Pieces into which a path is divided before points are joined straight.
 const PIECES: f64 = 200.0;

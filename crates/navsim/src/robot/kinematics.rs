@@ -70,6 +70,8 @@ mod tests {
             omega_max: 1.0,
             acceleration_max: 1.0,
             angular_acceleration_max: 2.5,
+            delay_steps: 0,
+            odometry_noise: 0.0,
         }
     }
 

@@ -1,17 +1,21 @@
 //! One robot's episode: how it begins and what a step does.
 
 use super::observation::{goal_in_robot, write_extra};
+use super::odometry::Odometry;
 use super::reward::{Step, paper_reward, reward};
 use super::{EXTRA, Outcome};
 use crate::collision::{CONTACT, clearance, sweep};
 use crate::config::{CollisionRule, SimConfig, max_steps};
 use crate::error::{Error, Result};
 use crate::lidar::{Lidar, NoiseName, ScanBuffer, Surroundings};
-use crate::pose::Pose;
+use crate::pose::{Pose, distance};
 use crate::rng::{Purpose, Split, Stream, StreamName};
 use crate::robot::{Arc, Footprint, command, limit_acceleration};
 use crate::world::{Generator, Layout, Obstacles, Scenario, Shape};
 use serde::{Deserialize, Serialize};
+
+/// More than any number of an episode comes to, and little enough for single precision to square it.
+const NUMBER_MAX: f64 = 1e12;
 
 /// Where episodes come from.
 #[derive(Debug, Clone)]
@@ -66,6 +70,10 @@ pub struct Episode {
     max_steps: u32,
     clearance: f32,
     goal_distance: f64,
+    /// Commands (v m/s, omega rad/s) that have been given and do not act yet, oldest first.
+    waiting: Vec<[f64; 2]>,
+    /// Where the robot believes to be; `None` where it knows its pose.
+    odometry: Option<Odometry>,
     /// Prepared form of `moved`, not stored; see `prepare_moved`.
     #[serde(skip)]
     obstacles: Obstacles,
@@ -108,11 +116,6 @@ impl Task {
         &self.config
     }
 
-    /// The lidar.
-    pub fn lidar(&self) -> &Lidar {
-        &self.lidar
-    }
-
     /// Numbers of an observation.
     pub fn observation_size(&self) -> usize {
         self.lidar.bins().len() + EXTRA
@@ -136,7 +139,7 @@ impl Task {
     }
 
     /// Number of given scenarios, `None` when they are drawn.
-    pub fn scenario_count(&self) -> Option<usize> {
+    fn scenario_count(&self) -> Option<usize> {
         match &self.source {
             Source::Generator(_) => None,
             Source::Scenarios(scenarios) => Some(scenarios.len()),
@@ -163,15 +166,13 @@ impl Task {
                 (episode.start, episode.goal) = (layout.start, layout.goal);
                 episode.moved.clone_from(&layout.moved);
                 episode.goal_radius = self.config.task.goal_radius;
-                episode.max_steps = max_steps(&self.config.task);
+                episode.max_steps = max_steps(self.config.task.time_limit, self.config.task.period);
             }
             Source::Scenarios(scenarios) => {
                 let (scenario, _) = &scenarios[robot % scenarios.len()];
                 (episode.start, episode.goal) = (scenario.start, scenario.goal);
                 episode.goal_radius = scenario.goal_radius;
-                let mut task = self.config.task.clone();
-                task.time_limit = scenario.time_limit;
-                episode.max_steps = max_steps(&task);
+                episode.max_steps = max_steps(scenario.time_limit, self.config.task.period);
             }
         }
         episode.prepare_moved();
@@ -179,6 +180,11 @@ impl Task {
         episode.index = index;
         episode.outcome = Outcome::Running;
         episode.velocity = [0.0, 0.0];
+        episode.waiting.clear();
+        episode.waiting.resize(self.config.robot.delay_steps, [0.0, 0.0]);
+        let noise = self.config.robot.odometry_noise;
+        episode.odometry =
+            (noise > 0.0).then(|| Odometry::new(episode.start, noise, &self.stream(Purpose::Odometry, robot, episode)));
         episode.clearance = clearance(&self.footprint, &episode.pose, self.obstacles(robot, episode));
         episode.statistics = Statistics { clearance: episode.clearance, ..Statistics::default() };
         episode.goal_distance = self.observe(robot, episode, workspace, row).1;
@@ -186,6 +192,9 @@ impl Task {
     }
 
     /// Drives one control period with `action` in [-1, 1]^2 and writes the observation after it; returns the reward.
+    ///
+    /// With `robot.delay_steps` an earlier action drives, and the robot stands until the first one does. The robot sees the
+    /// goal from where it believes to be, and is judged by where it is.
     ///
     /// A collision anywhere on the arc ends the step at contact; otherwise the goal counts if its distance at the end is
     /// under the goal radius, also on the last step; otherwise the time limit.
@@ -198,12 +207,15 @@ impl Task {
         row: &mut ObservationRow,
     ) -> f64 {
         let period = self.config.task.period;
-        let wanted = command(action, &self.config.robot);
+        let wanted = episode.delayed(command(action, &self.config.robot));
         let velocity = limit_acceleration(wanted, episode.velocity, period, &self.config.robot);
         let arc = Arc { start: episode.pose, v: velocity[0], omega: velocity[1] };
         let end = sweep(&self.footprint, &arc, period, self.obstacles(robot, episode), episode.clearance);
 
         episode.pose = end.pose;
+        if let Some(odometry) = &mut episode.odometry {
+            odometry.follow(&arc, end.time);
+        }
         episode.velocity = velocity;
         episode.clearance = end.clearance;
         episode.statistics.steps += 1;
@@ -229,7 +241,8 @@ impl Task {
         reward(&step, &self.config.reward, &self.config.robot)
     }
 
-    /// Writes scan, bins and the rest of the observation; returns the nearest bin and the goal's distance, both m.
+    /// Writes scan, bins and the rest of the observation; returns the nearest bin and the goal's true distance, both
+    /// m.
     fn observe(
         &self,
         robot: usize,
@@ -243,20 +256,23 @@ impl Task {
         }
         let (bins, extra) = row.observation.split_at_mut(self.lidar.bins().len());
         self.lidar.pool(&workspace.scan, bins);
-        let goal_polar = goal_in_robot(&episode.pose, episode.goal);
+        let goal_polar = goal_in_robot(&episode.believed_pose(), episode.goal);
         write_extra(goal_polar, episode.velocity, &self.config.robot, extra);
         let nearest = bins.iter().fold(f32::INFINITY, |a, b| a.min(*b));
         // A bin that lost all its beams is not clear; it is no obstacle either, to reward or end an episode by.
         for bin in bins.iter_mut().filter(|bin| **bin == f32::INFINITY) {
             *bin = 0.0;
         }
-        (f64::from(nearest), goal_polar[0])
+        let goal_distance = match episode.odometry {
+            Some(_) => distance([episode.pose.x, episode.pose.y], episode.goal),
+            None => goal_polar[0],
+        };
+        (f64::from(nearest), goal_distance)
     }
 
     /// Ranges (m) that the lidar reports now: the same whenever it is asked for in a step.
     pub fn scan<'w>(&self, robot: usize, episode: &Episode, workspace: &'w mut Workspace) -> &'w [f32] {
-        let split = if self.scenario_count().is_some() { Split::Given } else { Split::Train };
-        let stream = StreamName::new(self.seed, Purpose::Noise, split, robot as u32, episode.index);
+        let stream = self.stream(Purpose::Noise, robot, episode);
         let around = Surroundings {
             obstacles: self.obstacles(robot, episode),
             world_from_robot: episode.pose,
@@ -265,6 +281,12 @@ impl Task {
         };
         let noise = NoiseName { stream, scan: episode.statistics.steps };
         self.lidar.scan(&around, &noise, &mut workspace.scan)
+    }
+
+    /// Random numbers of this episode.
+    fn stream(&self, purpose: Purpose, robot: usize, episode: &Episode) -> StreamName {
+        let split = if self.scenario_count().is_some() { Split::Given } else { Split::Train };
+        StreamName::new(self.seed, purpose, split, robot as u32, episode.index)
     }
 
     fn obstacles<'a>(&'a self, robot: usize, episode: &'a Episode) -> [&'a Obstacles; 2] {
@@ -287,9 +309,52 @@ impl Task {
 }
 
 impl Episode {
+    /// Pose in the world as the robot reckons it by odometry; the true one without `robot.odometry_noise`.
+    pub fn believed_pose(&self) -> Pose {
+        self.odometry.map_or(self.pose, |odometry| odometry.pose)
+    }
+
+    /// Distance (m) of the footprint from the nearest obstacle now.
+    pub fn clearance(&self) -> f32 {
+        self.clearance
+    }
+
+    /// The command that acts when `given` is given.
+    fn delayed(&mut self, given: [f64; 2]) -> [f64; 2] {
+        if self.waiting.is_empty() {
+            return given;
+        }
+        self.waiting.rotate_left(1);
+        let last = self.waiting.len() - 1;
+        std::mem::replace(&mut self.waiting[last], given)
+    }
+
     /// Asks for what a step reads to be brought near: robots follow each other, their shapes lie all over the memory.
     pub fn prefetch(&self) {
         self.obstacles.prefetch();
+    }
+
+    /// Refuses numbers that no episode comes to have, such as those of a state that was edited.
+    ///
+    /// # Errors
+    /// `Error::Parse`, with the name of the number; `Error::Shape`.
+    pub fn validate(&self) -> Result<()> {
+        let Self { pose, start, velocity: [v, omega], goal: [goal_x, goal_y], .. } = *self;
+        let numbers = [
+            ("pose", [pose.x, pose.y, pose.yaw]),
+            ("start", [start.x, start.y, start.yaw]),
+            ("velocity", [v, omega, 0.0]),
+            ("goal", [goal_x, goal_y, self.goal_radius]),
+            ("distance", [self.goal_distance, f64::from(self.clearance), f64::from(self.statistics.clearance)]),
+            ("path", [self.statistics.path, self.statistics.paper_return, 0.0]),
+        ];
+        for (name, values) in numbers {
+            if let Some(value) = values.iter().find(|value| value.is_nan() || value.abs() > NUMBER_MAX) {
+                let text = format!("simulator state: {name} = {value}: expected a number within +-{NUMBER_MAX}");
+                return Err(Error::Parse(text));
+            }
+        }
+        self.moved.iter().try_for_each(Shape::validate)
     }
 
     /// Prepares the moved shapes for queries, after a draw or when a stored episode was read back.

@@ -2,6 +2,7 @@
 
 mod episode;
 mod observation;
+mod odometry;
 mod reward;
 
 pub use episode::{Episode, ObservationRow, Source, Statistics, Task, Workspace};

@@ -58,6 +58,8 @@ mod tests {
             omega_max: 2.0,
             acceleration_max: 0.0,
             angular_acceleration_max: 0.0,
+            delay_steps: 0,
+            odometry_noise: 0.0,
         }
     }
 

@@ -17,6 +17,19 @@ impl Lanes {
     }
 }
 
+/// The larger of two numbers that are not negative: their bits are in the same order, and with integers the compiler
+/// writes whole blocks. With a comparison it writes parts of them, for which the next read of the block has to wait.
+#[inline(always)]
+pub(crate) fn larger(a: f32, b: f32) -> f32 {
+    f32::from_bits((a.to_bits() as i32).max(b.to_bits() as i32) as u32)
+}
+
+/// The smaller of two numbers that are not negative, as `larger`.
+#[inline(always)]
+pub(crate) fn smaller(a: f32, b: f32) -> f32 {
+    f32::from_bits((a.to_bits() as i32).min(b.to_bits() as i32) as u32)
+}
+
 /// Members of `N` numbers each, sixteen to a block; unused places of the last block are zero.
 #[derive(Debug, Clone)]
 pub(crate) struct Blocks<const N: usize> {

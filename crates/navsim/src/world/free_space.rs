@@ -1,20 +1,28 @@
 //! Where a disc can go: which cells of a grid its centre may take, which hang together, and a flood fill over whole
 //! words of cells.
 //!
-//! The grid is conservative. Its cells have the side h; a cell is free when the clearance of its centre is at least
-//! rho = sqrt(R^2 + h^2/2), and its eight neighbours are joined to it. For an obstacle point k, two free centres a, b
-//! with |a - b| = d <= sqrt(2) h and a point m = (1 - t) a + t b between them,
-//! |m - k|^2 = (1 - t)|a - k|^2 + t |b - k|^2 - t (1 - t) d^2 >= rho^2 - d^2/4 >= R^2: a disc of radius R rolls from
-//! centre to centre and touches nothing, however thin. What is lost are passages little wider than 2 R.
+//! The grid is conservative: a cell is free when the clearance of its centre is at least `rolling_clearance`, and its
+//! eight neighbours are joined to it. What is lost are passages little wider than the disc.
 
 use super::distance::{Solid, Solids};
 use super::grid::{Cell, Grid};
+use super::shapes::rectangle_around;
 
 /// Side of a cell in units of R; a straight passage along the grid is never lost if it is wider than 2.31 R.
 const CELL: f64 = 0.27;
 /// Side of a cell of the grid that is asked first: it finds nearly every way, in a quarter of the time, and a room of
 /// 10 m then fits into one word a row for a robot of 0.25 m.
 const COARSE_CELL: f64 = 0.53;
+
+/// Clearance rho = sqrt(R^2 + h^2/2) (m) of a grid's nodes, `cell` h (m) apart, that lets a disc of `radius` R (m) roll
+/// from node to node and touch nothing, however thin.
+///
+/// It rolls along the straight line between any two neighbours, diagonal ones too, and anywhere within a square of four
+/// such nodes: with weights w_i that sum to 1, c = sum w_i c_i and an obstacle point k,
+/// |c - k|^2 = sum w_i |c_i - k|^2 - sum w_i |c_i - c|^2 >= rho^2 - h^2/2 = R^2, as the c_i lie in a square of the side h.
+pub(crate) fn rolling_clearance(radius: f64, cell: f64) -> f64 {
+    (radius * radius + 0.5 * cell * cell).sqrt()
+}
 
 /// The static free space of a world.
 #[derive(Debug, Clone)]
@@ -101,7 +109,7 @@ impl FreeSpace {
 impl Level {
     fn new(bounds: [f64; 4], solids: &Solids, radius: f64, cell: f64) -> Self {
         let grid = Grid::new(bounds, cell);
-        let inflation = (radius * radius + 0.5 * grid.cell * grid.cell).sqrt();
+        let inflation = rolling_clearance(radius, grid.cell);
         let mut free = grid.all();
         for solid in &solids.all {
             grid.block(&mut free, solid, inflation, true);
@@ -165,10 +173,8 @@ pub(crate) fn is_reachable(solids: &Solids, from: [f64; 2], to: [f64; 2], inner:
 /// A rectangle around all shapes and points with room for a disc of `radius` to drive around everything.
 pub(crate) fn roomy_bounds(solids: &Solids, points: &[[f64; 2]], radius: f64) -> [f64; 4] {
     let reaches = solids.all.iter().map(|solid| (solid.center, solid.reach)).chain(points.iter().map(|p| (*p, 0.0)));
-    let start = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
-    let [x0, y0, x1, y1] = reaches.fold(start, |[x0, y0, x1, y1], ([x, y], reach)| {
-        [x0.min(x - reach), y0.min(y - reach), x1.max(x + reach), y1.max(y + reach)]
-    });
+    let [x0, y0, x1, y1] =
+        rectangle_around(reaches.map(|([x, y], reach)| [x - reach, y - reach, x + reach, y + reach]));
     // Twice the radius and a few cells, which are no larger than a radius unless the world is huge.
     let room = 4.0 * radius + 0.01 * (x1 - x0).max(y1 - y0);
     [x0 - room, y0 - room, x1 + room, y1 + room]

@@ -208,6 +208,9 @@ impl Generator {
         let mut solid = Solid::turned_box([0.0; 2], [cos, sin], 0.5 * length, 0.5 * width);
         for _ in 0..CANDIDATES {
             solid.center = uniform_point(stream, rule.area);
+            if rule.among_robots && !self.free_space.contains(solid.center) {
+                continue;
+            }
             let crowds = |point| {
                 squared_distance(point, solid.center) < rule.center_distance * rule.center_distance
                     || solid.is_nearer(point, rule.clearance)

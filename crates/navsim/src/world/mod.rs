@@ -14,8 +14,9 @@ mod scenario;
 pub mod shapes;
 mod tree;
 
-pub(crate) use blocks::{BLOCK, Blocks, Lanes};
+pub(crate) use blocks::{BLOCK, Blocks, Lanes, larger, smaller};
 pub use file::{RandomBoxes, WorldFile};
+pub(crate) use free_space::rolling_clearance;
 pub use generator::{Generator, Layout};
 pub use obstacles::Obstacles;
 pub(crate) use outline::Outline;

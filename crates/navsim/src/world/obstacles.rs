@@ -103,7 +103,7 @@ impl Obstacles {
         self.outline.prefetch();
     }
 
-    /// Corners and circles in arrays, for the scan kernels.
+    /// The same in arrays, for the scan kernels.
     pub(crate) fn outline(&self) -> &Outline {
         &self.outline
     }

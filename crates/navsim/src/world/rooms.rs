@@ -66,6 +66,8 @@ pub(crate) struct BoxRule {
     pub clearance: f64,
     /// Whether boxes touch neither each other nor what does not move.
     pub apart: bool,
+    /// Whether their centres lie in the part of the world where robots drive.
+    pub among_robots: bool,
 }
 
 /// Shortest and longest inner wall of `open8`, m.
@@ -116,6 +118,7 @@ fn td3(random_yaw: bool) -> Room {
         center_distance: 1.5,
         clearance: 0.0,
         apart: true,
+        among_robots: false,
     };
     let bounds = Some(square(5.425 - 0.5 * WALL_THICKNESS));
     Room { shapes, bounds, area: square(4.5), clearance: 0.5, goal_distance: GOAL_DISTANCE, boxes, walls: 0 }
@@ -132,6 +135,7 @@ fn boxes(count: usize) -> Room {
         center_distance: 0.0,
         clearance: 0.45,
         apart: true,
+        among_robots: false,
     };
     Room { clearance: 0.45, goal_distance: 2.0, boxes, ..square_room() }
 }
@@ -147,6 +151,7 @@ fn open8() -> Room {
         center_distance: 0.0,
         clearance: 0.4,
         apart: false,
+        among_robots: false,
     };
     Room { clearance: 0.4, boxes, walls: 4, ..square_room() }
 }
@@ -171,11 +176,13 @@ fn no_boxes(area: [f64; 4]) -> BoxRule {
         center_distance: 0.0,
         clearance: 0.0,
         apart: true,
+        among_robots: false,
     }
 }
 
 fn from_file(file: WorldFile) -> Room {
     let mut boxes = no_boxes(file.area);
+    boxes.among_robots = true;
     if let Some(random) = file.random_boxes {
         (boxes.count, boxes.clearance) = (random.count, random.clearance);
         (boxes.lengths, boxes.widths) = (random.sides, random.sides);

@@ -136,10 +136,7 @@ impl Shape {
 
     /// Smallest axis-parallel rectangle around the shape: [x0, y0, x1, y1], metres.
     pub fn bounds(&self) -> [f64; 4] {
-        let around = |corners: &[[f64; 2]]| {
-            let start = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
-            corners.iter().fold(start, |[x0, y0, x1, y1], [x, y]| [x0.min(*x), y0.min(*y), x1.max(*x), y1.max(*y)])
-        };
+        let around = |corners: &[[f64; 2]]| rectangle_around(corners.iter().map(|[x, y]| [*x, *y, *x, *y]));
         match self {
             Shape::Circle { center: [x, y], radius } => [x - radius, y - radius, x + radius, y + radius],
             Shape::Box { center, yaw, length, width } => around(&box_corners(*center, *yaw, *length, *width)),
@@ -147,6 +144,14 @@ impl Shape {
             Shape::Polygon { points } => around(points),
         }
     }
+}
+
+/// Smallest axis-parallel rectangle around others (all [x0, y0, x1, y1], metres; a point is one too).
+pub(crate) fn rectangle_around(rectangles: impl Iterator<Item = [f64; 4]>) -> [f64; 4] {
+    let start = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+    rectangles.fold(start, |around, [x0, y0, x1, y1]| {
+        [around[0].min(x0), around[1].min(y0), around[2].max(x1), around[3].max(y1)]
+    })
 }
 
 /// The corners of an oriented box (arguments as in `Shape::Box`), counter-clockwise.

@@ -1,4 +1,4 @@
-//! A tree of boxes around blocks of edges or circles, so that a scan visits what it sees and not what exists.
+//! A tree of boxes around blocks of what is scanned, so that a scan visits what it sees and not what exists.
 
 use super::blocks::{BLOCK, Lanes};
 

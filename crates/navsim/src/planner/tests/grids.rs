@@ -1,9 +1,9 @@
 //! A* and Dijkstra's algorithm: answers known by hand, and against Bellman and Ford's relaxation of every edge.
 
-use super::super::fast_marching::{BORDER, Grid};
 use super::super::grid_search::{Route, search};
 use super::super::occupancy::{Anchor, Map};
-use super::{Point, stream};
+use crate::grown::tests::stream;
+use crate::grown::{BORDER, Grid, Point};
 use std::f64::consts::SQRT_2;
 
 /// A map from rows of text, the top row first: `#` is blocked.

@@ -2,9 +2,9 @@
 
 use super::super::occupancy::Map;
 use super::super::problem::Problem;
-use super::random::{Plain, World};
 use crate::error::Error;
 use crate::pose::Pose;
+use crate::shortest::tests::random::{Plain, World};
 use crate::world::Scenario;
 
 pub(super) fn scenario(world: &World) -> Scenario {

@@ -4,8 +4,8 @@ use super::super::neighbours::Neighbours;
 use super::super::{Planner, Status, plan};
 use super::maps::scenario;
 use super::plans::{check, config};
-use super::random::World;
-use super::stream;
+use crate::grown::tests::stream;
+use crate::shortest::tests::random::World;
 
 #[test]
 fn the_nearest_points_are_those_of_a_look_at_all() {

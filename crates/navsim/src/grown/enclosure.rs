@@ -4,26 +4,31 @@
 //! if some closed chain of overlapping shapes goes round one of them and not round the other an odd number of times.
 //! All such chains are sums of those that a spanning forest of the overlaps closes with one more overlap each.
 
-use super::inflated::{Inflated, Joint, Point};
+use super::points::Point;
+use super::world::{GrownWorld, Joint};
 
-/// Most ends that are looked at in one call, one bit each beside the start's.
-const ENDS_MAX: usize = 63;
+/// Ends that are looked at together, one bit each beside the start's.
+const TOGETHER: usize = 63;
 
-/// For each of `ends`: whether the grown shapes cut it off from `start`. All points must be free. Ends after the 63rd
-/// are never said to be cut off.
-pub(crate) fn cut_off(world: &Inflated, joints: &[Joint], start: Point, ends: &[Point]) -> Vec<bool> {
-    let points: Vec<Point> = std::iter::once(start).chain(ends.iter().copied().take(ENDS_MAX)).collect();
-    let mut forest = Forest { parents: (0..world.solids().len()).collect(), turns: vec![0; world.solids().len()] };
+/// For each of `ends`: whether the grown shapes cut it off from `start`. All points must be free.
+pub(crate) fn cut_off(world: &GrownWorld, joints: &[Joint], start: Point, ends: &[Point]) -> Vec<bool> {
+    ends.chunks(TOGETHER).flat_map(|ends| few_cut_off(world, joints, start, ends)).collect()
+}
+
+/// `cut_off` of `TOGETHER` ends at most.
+fn few_cut_off(world: &GrownWorld, joints: &[Joint], start: Point, ends: &[Point]) -> Vec<bool> {
+    let points: Vec<Point> = std::iter::once(start).chain(ends.iter().copied()).collect();
+    let mut forest = Forest { parents: (0..world.shapes().len()).collect(), turns: vec![0; world.shapes().len()] };
     let mut apart = 0u64;
     for joint in joints {
-        let [first, second] = joint.solids.map(|index| world.solids()[index].center());
+        let [first, second] = joint.shapes.map(|index| world.shapes()[index].center);
         let chain = [first, joint.from, joint.to, second];
         let crossed = chain.windows(2).fold(0, |bits, line| bits ^ rays_crossed(line[0], line[1], &points));
-        if let Some(around) = forest.join(joint.solids, crossed) {
+        if let Some(around) = forest.join(joint.shapes, crossed) {
             apart |= if around & 1 == 1 { !around } else { around };
         }
     }
-    (1..=ends.len()).map(|bit| bit <= ENDS_MAX && apart >> bit & 1 == 1).collect()
+    (1..=ends.len()).map(|bit| apart >> bit & 1 == 1).collect()
 }
 
 /// Bit i: whether the line `a`-`b` crosses the ray that goes up from point i. Over a closed chain of lines the sum

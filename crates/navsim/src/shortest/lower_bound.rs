@@ -1,8 +1,6 @@
 //! How far the goal is from every place, up to a few percent: what leads the search for the exact path.
 
-use super::fast_marching::{Field, Grid};
-use super::goal_disc::GoalDisc;
-use super::inflated::{Corner, Inflated, Joint, Point};
+use crate::grown::{Corner, Field, GoalDisc, Grid, GrownWorld, Joint, Point};
 
 /// Cells of the marching grid per radius.
 const CELLS_PER_RADIUS: f64 = 3.0;
@@ -19,26 +17,26 @@ const SHRINK: f64 = 2.0;
 const JOINED: f64 = 0.34;
 /// Share of the marched distance that is trusted as a lower bound: the march was never long by more than 0.11 %, in
 /// corridors without play, and not at all in 3,600 random worlds.
-pub(crate) const TRUST: f64 = 0.98;
+pub(super) const TRUST: f64 = 0.98;
 
 /// Cells by which interpolation overestimates the distance near a goal disc that is smaller than a cell.
 const TIP: f64 = 0.5;
 
 /// Lower bounds of the distance to a goal disc.
 #[derive(Debug)]
-pub(crate) struct Guide<'a> {
+pub(super) struct LowerBound<'a> {
     pub goal: &'a GoalDisc,
     field: Field,
     trust: f64,
 }
 
-impl<'a> Guide<'a> {
+impl<'a> LowerBound<'a> {
     /// Marches from `goal` over the whole of `bounds` ([x0, y0, x1, y1], m) for a robot of `radius` (m).
     ///
     /// Obstacles are 2 cells thinner than they are, so that no gap is lost to the grid; those that overlap are joined
     /// by a row of nodes, so that no gap is won.
     pub fn new(
-        world: &Inflated,
+        world: &GrownWorld,
         joints: &[Joint],
         goal: &'a GoalDisc,
         bounds: [f64; 4],
@@ -52,12 +50,12 @@ impl<'a> Guide<'a> {
         if grid.cell <= JOINED * radius {
             joints.iter().for_each(|joint| block_line(&grid, &mut blocked, joint.from, joint.to));
         }
-        for solid in world.solids() {
-            let [x0, y0, x1, y1] = solid.bounds();
+        for shape in world.shapes() {
+            let [x0, y0, x1, y1] = shape.bounds();
             let [columns, rows] = grid.window([x0 + shrink, y0 + shrink, x1 - shrink, y1 - shrink]);
             for row in rows {
                 for node in columns.clone().map(|column| row * grid.columns + column) {
-                    blocked[node] = blocked[node] || solid.clearance(grid.position(node)) < -shrink;
+                    blocked[node] = blocked[node] || shape.clearance(grid.position(node)) < -shrink;
                 }
             }
         }

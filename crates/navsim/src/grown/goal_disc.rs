@@ -1,8 +1,9 @@
 //! The disc that a path ends at, and the pieces of its border that can be reached.
 
 use super::enclosure::cut_off;
-use super::fast_marching::Grid;
-use super::inflated::{Inflated, Joint, Point, along, apart, sweep};
+use super::grid::Grid;
+use super::points::{Point, along, apart, sweep};
+use super::world::{GrownWorld, Joint};
 use std::f64::consts::TAU;
 
 /// A goal disc of which at least one point can be reached from the start.
@@ -18,7 +19,7 @@ pub(crate) struct GoalDisc {
 impl GoalDisc {
     /// The disc of `radius` (m) about `center`; `None` if all of its border is blocked or cut off from `start`, which
     /// lies outside.
-    pub fn new(world: &Inflated, joints: &[Joint], start: Point, center: Point, radius: f64) -> Option<Self> {
+    pub fn new(world: &GrownWorld, joints: &[Joint], start: Point, center: Point, radius: f64) -> Option<Self> {
         let mut disc = Self::free(world, center, radius);
         let middles: Vec<Point> = disc.arcs.iter().map(|arc| disc.middle(arc)).collect();
         let mut cut = cut_off(world, joints, start, &middles).into_iter();
@@ -27,7 +28,7 @@ impl GoalDisc {
     }
 
     /// The disc of `radius` (m) about `center`, with all of its border that is free.
-    pub fn free(world: &Inflated, center: Point, radius: f64) -> Self {
+    pub fn free(world: &GrownWorld, center: Point, radius: f64) -> Self {
         let mut angles = if radius > 0.0 { world.crossings(center, radius) } else { Vec::new() };
         angles.iter_mut().for_each(|angle| *angle = sweep(0.0, *angle, 1.0));
         angles.sort_by(f64::total_cmp);
@@ -66,7 +67,7 @@ impl GoalDisc {
     }
 
     /// Nodes near the disc with their distance (m) from it: those around its border, and those that see it.
-    pub fn sources(&self, world: &Inflated, grid: &Grid) -> Vec<(usize, f64)> {
+    pub fn sources(&self, world: &GrownWorld, grid: &Grid) -> Vec<(usize, f64)> {
         let mut sources = Vec::new();
         for [from, extent] in &self.arcs {
             let count = (2.0 * self.radius * extent / grid.cell).ceil() as usize + 1;

@@ -1,9 +1,9 @@
 //! Intermediate goals along paths, by hand and by their properties.
 
 use super::super::Lookahead;
-use super::super::inflated::apart;
-use super::{Point, stream};
 use crate::error::Error;
+use crate::grown::tests::stream;
+use crate::grown::{Point, apart};
 
 fn follow(path: &[Point], goal: Point, distance: f64) -> impl FnMut(Point) -> (Point, f64) {
     let mut guide = Lookahead::new(&[path.to_vec()], &[goal], distance).unwrap();

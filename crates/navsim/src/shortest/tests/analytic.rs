@@ -1,10 +1,9 @@
 //! Lengths known by hand, turned, moved and scaled at random.
 
-use super::super::goal_disc::GoalDisc;
-use super::super::guide::Guide;
-use super::super::inflated::{Inflated, InflatedSolid};
-use super::super::{Field, Grid, needs_detour, shortest_path};
-use super::{Point, room, stream};
+use super::super::lower_bound::LowerBound;
+use super::super::{needs_detour, shortest_path};
+use crate::grown::tests::{room, stream};
+use crate::grown::{GoalDisc, GrownShape, GrownWorld, Point};
 use crate::pose::Pose;
 use crate::rng::Stream;
 use crate::world::Shape;
@@ -221,57 +220,21 @@ fn detours_are_told_from_straight_lines() {
 }
 
 #[test]
-fn the_guide_finds_corridors_without_play_and_is_not_long_in_them() {
+fn the_lower_bound_sees_corridors_without_play_and_is_not_long_in_them() {
     let mut worst: f64 = 0.0;
     for seed in 0..100 {
         let mut random = stream(seed);
         let pose = Pose::new(random.unit(), random.unit(), random.uniform(-PI, PI));
         let (length, radius, play) = (random.uniform(1.0, 20.0), 0.25, [1e-6, 0.02, 0.1][seed as usize % 3]);
         let wall = |y: f64| Shape::Segment { a: pose.transform([0.0, y]), b: pose.transform([length, y]) };
-        let solids = [-1.0, 1.0].map(|side| InflatedSolid::new(&wall(side * (radius + 0.5 * play)), radius)).to_vec();
+        let obstacles = [-1.0, 1.0].map(|side| GrownShape::new(&wall(side * (radius + 0.5 * play)), radius)).to_vec();
         let (start, goal) = (pose.transform([-0.5, 0.0]), pose.transform([length + 0.5, 0.0]));
         let bounds = [-25.0, -25.0, 25.0, 25.0];
-        let world = Inflated::new(solids, bounds);
+        let world = GrownWorld::new(obstacles, bounds);
         let disc = GoalDisc::new(&world, &world.joints(), start, goal, 0.3).unwrap();
-        let guide = Guide::new(&world, &world.joints(), &disc, bounds, radius, 1.0);
-        worst = worst.max(guide.remaining(start) / (length + 0.7) - 1.0);
+        let lower = LowerBound::new(&world, &world.joints(), &disc, bounds, radius, 1.0);
+        worst = worst.max(lower.remaining(start) / (length + 0.7) - 1.0);
     }
     println!("largest relative excess {worst:.1e}");
     assert!(worst < 5e-3, "{worst}");
-}
-
-#[test]
-fn marching_is_second_order_in_the_open() {
-    let mut errors = Vec::new();
-    for cells in [50, 100, 200] {
-        let grid = Grid::around([-1.0, -1.0, 1.0, 1.0], 2.0 / f64::from(cells));
-        let from_center = |node: usize| grid.position(node)[0].hypot(grid.position(node)[1]);
-        let sources: Vec<(usize, f64)> =
-            (0..grid.len()).map(|node| (node, from_center(node))).filter(|(_, distance)| *distance < 0.2).collect();
-        let field = Field::march(grid, &vec![false; grid.len()], &sources);
-        let marched = (0..grid.len()).filter(|node| field.distances()[*node].is_finite());
-        let worst =
-            marched.map(|node| (field.distances()[node] - from_center(node)).abs() / from_center(node).max(0.2));
-        errors.push(worst.fold(0.0, f64::max));
-        let inside = field.at([0.533, 0.217]);
-        println!("{inside} {}", inside / 0.533f64.hypot(0.217) - 1.0);
-        assert!(field.at([2.0, 0.0]).is_infinite());
-    }
-    println!("largest relative errors at 50, 100, 200 cells: {errors:?}");
-    assert!(errors[1] < 1.5e-3 && errors[1] < 0.5 * errors[0] && errors[2] < 0.5 * errors[1], "{errors:?}");
-}
-
-#[test]
-fn marching_goes_around_blocked_nodes_and_not_through() {
-    let grid = Grid { origin: [0.0, 0.0], cell: 0.1, columns: 60, rows: 60 };
-    let wall = |node: usize| (29..32).contains(&(node % 60)) && node / 60 < 40;
-    let blocked: Vec<bool> = (0..grid.len()).map(wall).collect();
-    let [start, goal] = [10 * 60 + 20, 10 * 60 + 40];
-    let field = Field::march(grid, &blocked, &[(goal, 0.0)]);
-    // Over the wall's end, nodes (28..32, 40).
-    let exact = 2.0 * 0.8f64.hypot(3.0) + 0.4;
-    assert!((field.distances()[start] / exact - 1.0).abs() < 0.03, "{} {exact}", field.distances()[start]);
-    assert!(field.distances()[10 * 60 + 30].is_infinite());
-    let closed: Vec<bool> = (0..grid.len()).map(|node| (29..32).contains(&(node % 60))).collect();
-    assert!(Field::march(grid, &closed, &[(goal, 0.0)]).distances()[start].is_infinite());
 }

@@ -1,17 +1,16 @@
-//! Random worlds: against a visibility graph of sampled arcs, against the same search without a guide, and the
+//! Random worlds: against a visibility graph of sampled arcs, against the same search without a lower bound, and the
 //! properties that every shortest path has.
 
-use super::super::inflated::{InflatedSolid, apart};
-use super::super::shortest_path::around;
-use super::super::{needs_detour, shortest_path};
-use super::{Point, room, stream};
+use super::super::{around, needs_detour, shortest_path};
+use crate::grown::tests::{room, stream};
+use crate::grown::{GrownShape, Point, apart};
 use crate::rng::Stream;
 use crate::world::Shape;
 use crate::world::shapes::turn;
 use std::f64::consts::{PI, TAU};
 
 /// A world, as the reference sees it: edges and the distance that is kept from them.
-pub(super) struct Plain(Vec<(Vec<(Point, Point)>, f64)>);
+pub(crate) struct Plain(Vec<(Vec<(Point, Point)>, f64)>);
 
 fn to_edge(p: Point, a: Point, b: Point) -> f64 {
     let (edge, offset) = ([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]]);
@@ -123,7 +122,7 @@ fn random_shape(random: &mut Stream, half: f64) -> Shape {
 }
 
 /// A random world with its robot: shapes, radius, start and goal (both free), goal radius.
-pub(super) struct World {
+pub(crate) struct World {
     pub shapes: Vec<Shape>,
     pub radius: f64,
     pub start: Point,
@@ -181,7 +180,7 @@ fn lengths_agree_with_a_visibility_graph() {
 }
 
 #[test]
-fn the_guide_changes_nothing() {
+fn the_lower_bound_changes_nothing() {
     let mut detours = 0;
     for seed in 1000..1600 {
         let world = World::new(seed, 8 + seed as usize % 20);
@@ -189,8 +188,8 @@ fn the_guide_changes_nothing() {
         if apart(start, goal) <= goal_radius {
             continue;
         }
-        let solids: Vec<InflatedSolid> = world.shapes.iter().map(|shape| InflatedSolid::new(shape, radius)).collect();
-        let blind = around(solids, radius, start, goal, goal_radius, 0.0);
+        let obstacles: Vec<GrownShape> = world.shapes.iter().map(|shape| GrownShape::new(shape, radius)).collect();
+        let blind = around(obstacles, radius, start, goal, goal_radius, 0.0);
         match (world.length(), blind) {
             (Some(guided), Some(blind)) => assert!((guided - blind).abs() < 1e-9, "seed {seed}: {guided} {blind}"),
             (guided, blind) => assert_eq!(guided, blind, "seed {seed}"),

@@ -5,8 +5,8 @@
 //! obstacles", IJRR 11, 1992). Legs are made when an arc is reached, and checked against the obstacles when their turn
 //! comes.
 
-use super::guide::Guide;
-use super::inflated::{Corner, Inflated, Point, along, apart, sweep};
+use super::lower_bound::LowerBound;
+use crate::grown::{Corner, GrownWorld, Point, along, apart, sweep};
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 use std::f64::consts::TAU;
@@ -79,9 +79,9 @@ struct Departure {
 
 /// A* over the taut legs, among paths no longer than a bound.
 #[derive(Debug)]
-pub(crate) struct Search<'a> {
-    world: &'a Inflated,
-    guide: &'a Guide<'a>,
+pub(super) struct Search<'a> {
+    world: &'a GrownWorld,
+    lower: &'a LowerBound<'a>,
     /// Points where a path may end that does not run straight at the goal's centre.
     ends: Vec<Point>,
     /// Lower bounds of the distance (m) to the goal from the arc about each corner.
@@ -96,11 +96,11 @@ pub(crate) struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    pub fn new(world: &'a Inflated, guide: &'a Guide<'a>) -> Self {
-        let remaining = world.corners().iter().map(|corner| guide.remaining_from(corner)).collect();
+    pub fn new(world: &'a GrownWorld, lower: &'a LowerBound<'a>) -> Self {
+        let remaining = world.corners().iter().map(|corner| lower.remaining_from(corner)).collect();
         let passages = vec![[Vec::new(), Vec::new()]; world.corners().len()];
-        let (ends, legs) = (guide.goal.ends(), BinaryHeap::new());
-        Self { world, guide, ends, remaining, legs, passages, bound: 0.0, cut: false }
+        let (ends, legs) = (lower.goal.ends(), BinaryHeap::new());
+        Self { world, lower, ends, remaining, legs, passages, bound: 0.0, cut: false }
     }
 
     /// Length (m) of the shortest path from `start`, which must be free and outside the goal disc.
@@ -108,7 +108,7 @@ impl<'a> Search<'a> {
     /// Tries growing bounds: a search within a tight one looks at few legs.
     pub fn run(mut self, start: Point) -> Option<f64> {
         for growth in [1.06, 1.15, 1.4, 2.0, f64::INFINITY] {
-            self.bound = growth * self.guide.remaining(start) + 4.0 * self.guide.cell();
+            self.bound = growth * self.lower.remaining(start) + 4.0 * self.lower.cell();
             self.cut = false;
             self.legs.clear();
             self.passages.iter_mut().flatten().for_each(Vec::clear);
@@ -180,7 +180,7 @@ impl<'a> Search<'a> {
             }
             for turn in [-1.0, 1.0] {
                 if let Some(leg) = Tangent::new(departure, corner, turn) {
-                    let rest = self.guide.remaining(leg.to);
+                    let rest = self.lower.remaining(leg.to);
                     if passage.length + leg.length + rest > self.bound {
                         self.cut = true;
                     } else if let Some(swept) = leg.swept(departure) {
@@ -192,7 +192,7 @@ impl<'a> Search<'a> {
             }
         }
         for index in 0..=self.ends.len() {
-            let goal = self.guide.goal;
+            let goal = self.lower.goal;
             let (end, short) = if index == 0 { (goal.center, goal.radius) } else { (self.ends[index - 1], 0.0) };
             let Some(mut leg) = Tangent::new(departure, &Corner { center: end, reach: 0.0 }, 1.0) else { continue };
             let Some(swept) = leg.swept(departure) else { continue };

@@ -1,0 +1,47 @@
+"""`navrl tune`: finds settings of a classical controller on the tuning list."""
+
+import sys
+from argparse import Namespace
+from pathlib import Path
+
+from navrl.commands.options import given_settings, threads, whole_number
+from navrl.commands.selection import check_boxes
+from navrl.comparing.levels import at_level
+from navrl.config.controllers import TUNABLE
+from navrl.config.files import load_config
+from navrl.errors import UserError
+from navrl.exit_codes import DONE
+
+
+def tune(options: Namespace) -> int:
+    """Searches until the budget is spent, and prints the settings."""
+    if options.name not in TUNABLE:
+        raise UserError(f"tune: {options.name}: must be one of {', '.join(TUNABLE)}")
+    check_boxes(options)
+    config = load_config(options.config, robot=options.robot, options=given_settings(options, "world", "boxes"))
+    config = at_level(config, options.level)
+    trials = whole_number("--trials", options.trials, 1, 10**6)
+    episodes = whole_number("--episodes", options.episodes, 1, 10**6)
+    seed = whole_number("--seed", options.seed, 0, 2**31)
+    folder = Path(options.out)
+    if folder.exists() and not folder.is_dir():
+        raise UserError(f"--out {folder}: is not a folder")
+
+    from navrl import tune as search
+
+    print(f"navrl: tuning {options.name}, {trials} trials of {episodes} scenarios; {folder}", file=sys.stderr)
+    best = search.tune(
+        options.name,
+        config,
+        folder,
+        trials=trials,
+        episodes=episodes,
+        seed=seed,
+        num_threads=threads(options.threads),
+        report=lambda line: print(f"navrl: {line}", file=sys.stderr),
+    )
+    low, high = best.scores["success_ci95"]
+    rate = f"success {100 * best.scores['success_rate']:.2f} % (95 % interval {100 * low:.2f} to {100 * high:.2f} %)"
+    print(f"{options.name}: {rate}, SPL {best.scores['spl']:.3f} on the tuning list")
+    print(f"settings: {folder / search.BEST_FILE}")
+    return DONE

@@ -1,0 +1,160 @@
+"""Who takes part in a comparison: a policy, a controller, or one of them led along the path of a planner.
+
+    entry = enter("default+astar")                              a name, read; policies are loaded
+    plans = entry.plans(scenarios, sim, config, ...)            the paths that lead it
+    drive = entry.driver(scenarios, plans, sim, controllers)    what the evaluator calls in every period
+
+Only a contender with a planner gets the map, and only the planner reads it: what drives has its scan, the goal that it
+is led to, and its own speed, as all others have.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from navrl.controllers import NAMES, Controller, Name
+from navrl.errors import UserError
+from navrl.evaluate import Driver, Towards, check_same, driver
+from navrl.planners import PLANNERS, Lookahead, Plan, Planner, plan_all
+from navrl.policy import Policy, load_policy
+from navrl.scenarios import robot_radius
+
+if TYPE_CHECKING:
+    from navrl.batch import BatchSim, Scenario
+    from navrl.config import ControllersConfig, PlannerConfig, SimConfig
+
+LOOKAHEAD = 1.0
+"""How far ahead on the path (m) an intermediate goal lies; for "pursuit" as far as `pursuit.lookahead` says."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A contender by name, before it knows its robot."""
+
+    name: str
+    """As typed."""
+    local: Policy | Name
+    """What drives: a policy, or the name of a controller."""
+    planner: Planner | None
+    """Who leads it on the map, if anybody."""
+
+    @property
+    def policy(self) -> Policy | None:
+        """The policy that drives, if one does."""
+        return self.local if isinstance(self.local, Policy) else None
+
+    @property
+    def policy_sha256(self) -> str | None:
+        """Names the policy by its weights and description; None for controllers."""
+        if self.policy is None:
+            return None
+        digest = hashlib.sha256(repr(self.policy.description).encode())
+        for name, tensor in sorted(self.policy.weights.items()):
+            digest.update(name.encode() + tensor.tobytes())
+        return digest.hexdigest()
+
+    def check(self, sim: SimConfig, *, apart_from: Sequence[str]) -> None:
+        """Refuses a policy for another robot than that of the comparison.
+
+        Args:
+            sim: The comparison's robot.
+            apart_from: Keys of the robot that the level sets for all.
+
+        Raises:
+            UserError: With the first difference.
+        """
+        if self.policy is not None:
+            try:
+                check_same(self.policy.description.sim_config(), sim, self.policy, apart_from=apart_from)
+            except UserError as error:
+                raise UserError(f"{self.name}: {error}") from None
+
+    def plans(
+        self, scenarios: Sequence[Scenario], sim: SimConfig, config: PlannerConfig, *, num_threads: int
+    ) -> list[Plan]:
+        """The paths that lead it, one for each scenario; none without a planner.
+
+        Args:
+            scenarios: Maps with starts and goals.
+            sim: The robot, for its radius.
+            config: Settings of the planner.
+            num_threads: Scenarios that are planned at once.
+        """
+        if self.planner is None:
+            return []
+        radius = robot_radius(sim)
+        return plan_all(scenarios, self.planner, radius=radius, config=config, num_threads=num_threads)
+
+    def driver(
+        self, scenarios: Sequence[Scenario], plans: Sequence[Plan], sim: SimConfig, controllers: ControllersConfig
+    ) -> Driver:
+        """What the evaluator calls.
+
+        Args:
+            scenarios: Robot k runs scenario k. Of these only the goals are used, and only to end paths at.
+            plans: What `plans` gave for them.
+            sim: Robot and lidar.
+            controllers: Settings.
+
+        Returns:
+            The driver.
+        """
+        contender = self.local if isinstance(self.local, Policy) else Controller(self.local, sim, controllers)
+        if self.planner is None:
+            return driver(contender, sim)
+        distance = controllers.pursuit.lookahead if self.local == "pursuit" else LOOKAHEAD
+        goals = np.array([scenario.goal for scenario in scenarios])
+        return driver(contender, sim, towards=along(Lookahead(plans, goals, distance=distance)))
+
+
+def along(guide: Lookahead) -> Towards:
+    """Leads robots along paths, from where they believe to be.
+
+    Args:
+        guide: Paths of all robots of a simulator.
+
+    Returns:
+        Distance (m) and angle (rad) of the intermediate goals.
+    """
+
+    def towards(simulator: BatchSim, running: NDArray[np.intp]) -> NDArray[np.float64]:
+        return guide.goal(simulator.odometry)[running]
+
+    return towards
+
+
+def enter(name: str) -> Entry:
+    """Reads the name of a contender.
+
+    Args:
+        name: A run folder, a policy folder, "default", a controller, or one of these, "+" and a planner.
+
+    Returns:
+        The contender.
+
+    Raises:
+        UserError: No such contender, or a damaged policy.
+    """
+    local, plus, planner = name.rpartition("+")
+    if plus and planner in PLANNERS:
+        return Entry(name, _local(local), planner)
+    if plus and local in (*NAMES, "default"):
+        raise UserError(f"{name}: expected a planner after the +: {', '.join(PLANNERS)}")
+    if name == "pursuit":
+        raise UserError("pursuit: follows a path: name a planner too, such as pursuit+astar")
+    return Entry(name, _local(name), None)
+
+
+def _local(name: str) -> Policy | Name:
+    if name in NAMES:
+        return name
+    try:
+        return load_policy(name)
+    except UserError as error:
+        raise UserError(f"{error}, or a contender of {', '.join(NAMES)}, with or without +PLANNER") from None

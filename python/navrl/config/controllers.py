@@ -1,0 +1,182 @@
+"""Settings of the classical controllers: part of the configuration tree, with the ranges that `navrl tune` searches."""
+
+from dataclasses import dataclass as plain_dataclass
+from typing import Annotated, Literal, get_args, get_type_hints
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from navrl.config.faults import STRICT, one_line
+
+
+@plain_dataclass(frozen=True)
+class Search:
+    """The part of a setting's range that `navrl tune` searches."""
+
+    low: float
+    """Smallest value tried."""
+    high: float
+    """Largest value tried."""
+    log: bool = False
+    """Whether values are drawn uniformly by their logarithm."""
+
+
+_Weight = Field(ge=0, le=1e6)
+_Gain = Field(ge=0, le=1000)
+_Distance = Field(ge=1e-3, le=1000)
+_Margin = Annotated[float, Field(ge=0, le=10), Search(0.01, 0.1)]
+
+
+@one_line
+@dataclass(frozen=True, config=STRICT)
+class DwaConfig:
+    """Dynamic window `dwa` (Fox, Burgard, Thrun 1997); `dwa-1997` has the weights 2, 0.2, 0.2 and the rest from here.
+
+    Found by `navrl tune dwa --world boxes --boxes 16 --trials 200`: trial 92, seed 0, 500 scenarios each.
+    """
+
+    heading: Annotated[float, _Weight] = 1.0
+    """Weight of the share of a half turn by which the robot at the horizon looks to the goal."""
+    clearance: Annotated[float, _Weight, Search(0.1, 50, log=True)] = 31.7
+    """Weight of the free way along the arc as a share of clearance_max."""
+    speed: Annotated[float, _Weight, Search(0.1, 50, log=True)] = 7.025
+    """Weight of the forward speed as a share of v_max."""
+    horizon: Annotated[float, Field(ge=1e-3, le=60), Search(0.2, 3)] = 2.98
+    """Time after which the heading is judged (s); at most half the way to the goal."""
+    clearance_max: Annotated[float, _Distance, Search(0.4, 4)] = 2.78
+    """A free way of this length (m), or to the goal, counts in full."""
+    margin: _Margin = 0.01041
+    """Added to the robot's radius (m)."""
+    reaction: Annotated[float, Field(ge=0, le=10), Search(0.1, 0.6)] = 0.4106
+    """Time (s) that a command acts before the robot can brake."""
+    v_samples: Annotated[int, Field(ge=2, le=1001)] = 11
+    """Forward speeds that are tried, from the window's smallest to its largest."""
+    omega_samples: Annotated[int, Field(ge=2, le=1001)] = 21
+    """Turning speeds that are tried, from the window's smallest to its largest."""
+
+
+@one_line
+@dataclass(frozen=True, config=STRICT)
+class ApfConfig:
+    """Artificial potential field `apf` (Khatib 1986): an attraction of 1 and the repulsion of all beams.
+
+    Found by `navrl tune apf --world boxes --boxes 16 --trials 40`: trial 25, seed 0, 500 scenarios each.
+    """
+
+    repulsion: Annotated[float, _Weight, Search(0.001, 1, log=True)] = 0.002932
+    """Weight of the repulsion (m^2 per radian of beams)."""
+    reach: Annotated[float, _Distance, Search(0.2, 2)] = 1.357
+    """Clearance at which the repulsion begins (m)."""
+    turn_gain: Annotated[float, _Gain, Search(0.5, 10, log=True)] = 0.6484
+    """Turning speed per angle to the force (1/s)."""
+
+
+@one_line
+@dataclass(frozen=True, config=STRICT)
+class GapConfig:
+    """Gap following `gap` in the manner of VFH+ (Ulrich, Borenstein 1998).
+
+    Found by `navrl tune gap --world boxes --boxes 16 --trials 100`: trial 78, seed 0, 500 scenarios each.
+    """
+
+    reach: Annotated[float, _Distance, Search(0.3, 3)] = 1.613
+    """A direction is free if the robot can drive so far in it (m), or to the goal."""
+    margin: _Margin = 0.01044
+    """Added to the robot's radius (m)."""
+    goal: Annotated[float, _Weight] = 1.0
+    """Cost of a direction per angle to the goal (1/rad)."""
+    heading: Annotated[float, _Weight, Search(0.05, 5, log=True)] = 0.7139
+    """Cost of a direction per angle to the heading (1/rad)."""
+    border: Annotated[float, Field(ge=0, le=3.2), Search(0, 0.6)] = 0.2857
+    """How far from the border of a wide gap the robot aims (rad)."""
+    turn_gain: Annotated[float, _Gain, Search(0.5, 10, log=True)] = 3.455
+    """Turning speed per angle to the chosen direction (1/s)."""
+    slow_distance: Annotated[float, _Distance, Search(0.1, 2)] = 0.6331
+    """Free way ahead (m) below which the robot slows."""
+
+
+@one_line
+@dataclass(frozen=True, config=STRICT)
+class MppiConfig:
+    """Model predictive path integral control `mppi` (Williams and others 2017).
+
+    Set by hand; none of 8 trials of `navrl tune mppi --world boxes --boxes 16 --episodes 40` was better.
+    """
+
+    samples: Annotated[int, Field(ge=1, le=65536)] = 1000
+    """Sampled sequences of commands."""
+    steps: Annotated[int, Field(ge=1, le=1000)] = 56
+    """Commands of a sequence."""
+    step: Annotated[float, Field(ge=1e-3, le=10)] = 0.05
+    """Time that a command of a sequence lasts (s)."""
+    temperature: Annotated[float, Field(ge=1e-6, le=1e6), Search(0.03, 3, log=True)] = 0.3
+    """Cost by which a sequence loses a factor e of weight."""
+    hold: Annotated[int, Field(ge=1, le=1000)] = 28
+    """Steps that a draw of noise lasts: noise that changes with every step hardly turns the robot."""
+    v_noise: Annotated[float, Field(ge=0, le=100), Search(0.05, 0.5)] = 0.4
+    """Standard deviation of the forward speed's noise (m/s)."""
+    omega_noise: Annotated[float, Field(ge=0, le=100), Search(0.1, 1.5)] = 1.0
+    """Standard deviation of the turning speed's noise (rad/s)."""
+    goal: Annotated[float, _Weight, Search(0.5, 20, log=True)] = 5.0
+    """Cost per metre to the goal and second."""
+    obstacle: Annotated[float, _Weight, Search(0.1, 50, log=True)] = 2.0
+    """Cost per second at an obstacle; it falls with the square of the clearance to 0 at inflation."""
+    inflation: Annotated[float, _Distance, Search(0.05, 1)] = 0.2
+    """Clearance (m) at which obstacles begin to cost."""
+    margin: _Margin = 0.03
+    """Added to the robot's radius (m)."""
+    collision: Annotated[float, _Weight] = 1000.0
+    """Cost per second in contact."""
+
+
+@one_line
+@dataclass(frozen=True, config=STRICT)
+class PursuitConfig:
+    """Regulated pure pursuit `pursuit` (Macenski and others 2023): follows a path or a goal, stops, does not avoid.
+
+    Set by hand: without a planner's path there is nothing to tune it on.
+    """
+
+    lookahead: Annotated[float, _Distance] = 0.5
+    """Distance (m) of the point of the path that is pursued."""
+    turn_in_place: Annotated[float, Field(ge=0, le=3.2)] = 0.8
+    """A larger angle to that point is turned away in place (rad)."""
+    turn_gain: Annotated[float, _Gain] = 3.0
+    """Turning speed per angle while turning in place (1/s)."""
+    radius_min: Annotated[float, Field(ge=0, le=1000)] = 0.6
+    """Arcs of a smaller radius (m) are driven slower in proportion."""
+    approach: Annotated[float, Field(ge=0, le=1000)] = 0.3
+    """Distance to the goal (m) below which the robot slows in proportion."""
+    v_min: Annotated[float, Field(ge=0, le=100)] = 0.05
+    """Slowest forward speed (m/s) while it slows."""
+    stop_time: Annotated[float, Field(ge=0, le=60)] = 0.2
+    """The robot stops unless the free way along its arc lasts so long (s) at its speed."""
+    margin: Annotated[float, Field(ge=0, le=10)] = 0.02
+    """Added to the robot's radius (m)."""
+
+
+@one_line
+@dataclass(frozen=True, config=STRICT)
+class ControllersConfig:
+    """The settings of all classical controllers."""
+
+    dwa: DwaConfig = DwaConfig()
+    apf: ApfConfig = ApfConfig()
+    gap: GapConfig = GapConfig()
+    mppi: MppiConfig = MppiConfig()
+    pursuit: PursuitConfig = PursuitConfig()
+
+
+Tunable = Literal["dwa", "apf", "gap", "mppi"]
+TUNABLE: tuple[Tunable, ...] = get_args(Tunable)
+"""Controllers that have settings to search."""
+
+
+def searched(name: Tunable) -> dict[str, Search]:
+    """What `navrl tune` varies of a controller, by key."""
+    hints = get_type_hints(get_type_hints(ControllersConfig)[name], include_extras=True)
+    parts = {
+        key: [part for part in getattr(hint, "__metadata__", ()) if isinstance(part, Search)]
+        for key, hint in hints.items()
+    }
+    return {key: found[0] for key, found in parts.items() if found}

@@ -1,0 +1,246 @@
+"""`navrl compare`: who takes part, what they see, what is measured of them, and that it continues and repeats."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from contending import SIM, policy_folder, scenario
+from navrl.cli import main
+from navrl.compare import compare
+from navrl.comparing import plots
+from navrl.config import ControllersConfig, LidarConfig, PlannerConfig, RobotConfig
+from navrl.controllers import Controller
+from navrl.errors import UserError
+from navrl.evaluate import evaluate
+from navrl.planners import plan_all
+from navrl.policy import load_policy
+from navrl.scenarios import ScenarioList, given_list
+
+QUICK = ("gap", "straight", "pursuit+astar")
+
+
+pytestmark = pytest.mark.usefixtures("quick")
+
+
+# The same numbers
+
+
+def test_eval_and_compare_give_a_policy_the_same_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = policy_folder(tmp_path / "policy")
+    common = ["--world", "boxes", "--boxes", "4", "--episodes", "15", "--threads", "1"]
+    assert main(["eval", str(folder), *common, "--json", str(tmp_path / "eval.json")]) == 0
+    assert main(["compare", "straight", str(folder), *common, "--out", str(tmp_path / "out")]) == 0
+    evaluated = json.loads((tmp_path / "eval.json").read_text())
+    compared = json.loads((tmp_path / "out/results.json").read_text())["contenders"][1]
+    assert {key: compared[key] for key in evaluated["summary"]} == evaluated["summary"]
+    lines = [json.loads(line) for line in (tmp_path / "out/episodes.jsonl").read_text().splitlines()]
+    own = [line for line in lines if line.pop("contender") == str(folder) and line.pop("level") == "ideal"]
+    assert own == evaluated["episodes"]
+    assert "2 contenders on boxes, list test, level ideal: 15 scenarios" in capsys.readouterr().out
+
+
+def test_a_comparison_by_hand(drawn: ScenarioList, tmp_path: Path) -> None:
+    comparison = compare(QUICK, drawn, SIM, tmp_path / "out")
+    gap, straight, led = comparison.records
+    assert gap.episodes == evaluate(Controller("gap"), drawn).episodes
+    solved = [set(np.flatnonzero(record.solved()).tolist()) for record in comparison.records]
+    assert comparison.common == sorted(set.intersection(*solved))
+    first = comparison.pairs[0]
+    assert (first.a, first.b) == ("gap", "straight")
+    assert (first.only_a, first.only_b) == (len(solved[0] - solved[1]), len(solved[1] - solved[0]))
+    spl = np.mean([x.spl - y.spl for x, y in zip(gap.episodes, straight.episodes, strict=True)])
+    assert first.spl_diff == pytest.approx(spl)
+    assert first.spl_diff_ci95[0] <= first.spl_diff <= first.spl_diff_ci95[1]
+    both = sorted(solved[0] & solved[1])
+    times = [gap.episodes[i].time_s - straight.episodes[i].time_s for i in both]
+    assert first.time_diff_s == pytest.approx(np.mean(times))
+    record = comparison.to_json("navrl compare")
+    assert [pair["level"] for pair in record["pairs"]] == ["ideal"] * 3
+    assert [entry["knows_map"] for entry in record["contenders"]] == [False, False, True]
+    entry = record["contenders"][2]
+    assert entry["common_time_to_goal_s"] == pytest.approx(np.mean([led.episodes[i].time_s for i in comparison.common]))
+    lengths = [plan.length for plan in plan_all(drawn.scenarios)]
+    assert entry["plan_ratio"] == pytest.approx(np.mean(lengths / drawn.shortest))
+    assert entry["plans_found"] == 12
+    assert 0 < entry["decision_p50_ms"] <= entry["decision_p99_ms"]
+
+
+TIMES = ("decision_p50_ms", "decision_p99_ms", "planning_p50_ms", "planning_p99_ms")
+
+
+def untimed(folder: Path) -> dict[str, Any]:
+    """results.json without what differs from run to run."""
+    record: dict[str, Any] = json.loads((folder / "results.json").read_text())
+    del record["command"]
+    record["contenders"] = [{k: v for k, v in c.items() if k not in TIMES} for c in record["contenders"]]
+    return record
+
+
+def test_a_comparison_repeats_bit_by_bit_and_continues(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def run(out: str, *names: str, threads: int = 1) -> None:
+        typed = ["compare", *names, "--episodes", "6", "--level", "real", "--threads", str(threads)]
+        assert main([*typed, "--out", str(tmp_path / out)]) == 0
+
+    run("whole", *QUICK)
+    run("parts", "gap")
+    run("parts", *QUICK, threads=2)
+    assert "gap: success" in capsys.readouterr().err.splitlines()[-3]
+    for file in ("episodes.jsonl", "success.png", "spl.png", "time.png", "failures.png"):
+        assert (tmp_path / "whole" / file).read_bytes() == (tmp_path / "parts" / file).read_bytes(), file
+    assert untimed(tmp_path / "whole") == untimed(tmp_path / "parts")
+    command = json.loads((tmp_path / "whole/results.json").read_text())["command"]
+    assert command == f"navrl compare {' '.join(QUICK)} --episodes 6 --level real --threads 1 --out {tmp_path}/whole"
+    # Results are kept, not made again: what stands in the folder is what is reported.
+    file = tmp_path / "parts/contenders/gap.json"
+    kept = json.loads(file.read_text())
+    kept["scores"]["spl"] = 0.125
+    file.write_text(json.dumps(kept))
+    run("parts", *QUICK)
+    assert untimed(tmp_path / "parts")["contenders"][0]["spl"] == 0.125
+
+
+def test_other_settings_are_refused(drawn: ScenarioList, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    compare(["straight"], drawn.first(3), SIM, out)
+    noisy = replace(SIM, lidar=replace(SIM.lidar, noise=0.5))
+    others: list[tuple[dict[str, Any], str]] = [
+        ({"level": "real"}, 'level: "ideal", not "real"'),
+        ({"scenarios": drawn.first(4)}, "list_sha256: "),
+        ({"sim": noisy}, r"lidar\.noise: 0\.008, not 0\.5"),
+        (
+            {"controllers": replace(ControllersConfig(), gap=replace(ControllersConfig().gap, margin=0.2))},
+            r"gap\.margin: 0\.01044, not 0\.2",
+        ),
+        ({"planner": PlannerConfig(margin=0.3)}, r"planner\.margin: 0\.1, not 0\.3"),
+    ]
+    for changes, message in others:
+        arguments = {"names": ["gap"], "scenarios": drawn.first(3), "sim": SIM, "folder": out} | changes
+        with pytest.raises(UserError, match=f"out: holds a comparison with another {message}") as refusal:
+            compare(**arguments)
+        assert "\n" not in str(refusal.value)
+    with pytest.raises(UserError, match="gap: named twice"):
+        compare(["gap", "straight", "gap"], drawn, SIM, out)
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other/notes.txt").write_text("mine")
+    with pytest.raises(UserError, match="other: is not empty and holds no comparison"):
+        compare(["gap"], drawn, SIM, tmp_path / "other")
+
+
+def test_damaged_files_are_said_so(drawn: ScenarioList, tmp_path: Path) -> None:
+    for file, content, message in (
+        ("settings.json", "{", r"settings\.json: damaged"),
+        ("contenders/straight.json", "[]", r"straight\.json: damaged"),
+        ("contenders/straight.json", '{"policy_sha256": null}', r"straight\.json: damaged, or .*\.npz is; remove both"),
+        ("contenders/straight.json.npz", "cut", r"straight\.json: damaged, or .*\.npz is; remove both"),
+    ):
+        out = tmp_path / str(len(list(tmp_path.iterdir())))
+        compare(["straight"], drawn.first(2), SIM, out)
+        (out / file).write_text(content)
+        with pytest.raises(UserError, match=message) as refusal:
+            compare(["straight"], drawn.first(2), SIM, out)
+        assert "\n" not in str(refusal.value)
+
+
+def test_another_policy_of_the_same_name_is_refused(drawn: ScenarioList, tmp_path: Path) -> None:
+    folder = policy_folder(tmp_path / "policy")
+    compare([str(folder)], drawn.first(2), SIM, tmp_path / "out")
+    policy_folder(folder, seed=1)
+    with pytest.raises(UserError, match=r"holds results of another policy .*policy; choose another folder"):
+        compare([str(folder)], drawn.first(2), SIM, tmp_path / "out")
+
+
+def test_a_policy_for_another_robot_is_refused_but_for_what_the_level_sets(drawn: ScenarioList, tmp_path: Path) -> None:
+    limited = replace(SIM, robot=RobotConfig(acceleration_max=1.0, angular_acceleration_max=2.5))
+    name = str(policy_folder(tmp_path / "limited", limited))
+    with pytest.raises(UserError, match=r"limited: robot\.acceleration_max = 0\.0: the policy was trained for 1\.0"):
+        compare([name], drawn.first(2), SIM, tmp_path / "ideal")
+    compare([name, "default"], drawn.first(2), SIM, tmp_path / "real", level="real")
+    other = str(policy_folder(tmp_path / "beams", replace(SIM, lidar=LidarConfig(beams=360))))
+    with pytest.raises(UserError, match=r"beams: lidar\.beams = 180: the policy was trained for 360"):
+        compare([other], drawn.first(2), SIM, tmp_path / "out", level="real")
+
+
+# What is written
+
+
+def test_the_report_and_its_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert main(["compare", "random", "default", "gap+rrt", "--episodes", "8", "--out", str(out)]) == 0
+    text = (out / "report.md").read_text()
+    assert f"    navrl compare random default gap+rrt --episodes 8 --out {out}" in text
+    results = json.loads((out / "results.json").read_text())
+    for contender in results["contenders"]:
+        assert f"| {contender['name']} | {100 * contender['success_rate']:.1f} |" in text
+    assert len(results["pairs"]) == 3
+    for pair in results["pairs"]:
+        assert f"| {pair['a']} | {pair['b']} | {pair['only_a']} | {pair['only_b']} | {pair['mcnemar_p']:.2g} |" in text
+    for file in ("success.png", "spl.png", "time.png", "failures.png"):
+        assert f"]({file})" in text
+        assert min(Image.open(out / file).size) > 100
+    shown = capsys.readouterr().out
+    assert "3 contenders on td3, list test, level ideal: 8 scenarios" in shown
+    assert len(list((out / "contenders").iterdir())) == 6
+
+
+def test_success_is_drawn_where_it_lies(drawn: ScenarioList, tmp_path: Path) -> None:
+    comparison = compare(["straight"], drawn, SIM, tmp_path / "out")
+    picture = plots.success(comparison)
+    rate = comparison.records[0].scores["success_rate"]
+    assert 0 < rate < 1
+    row = plots.HEAD_PX + plots.ROW_PX // 2 + 6
+    green = plots.OUTCOME_COLORS["goal"]
+    columns = [x for x in range(plots.NAMES_PX, plots.NAMES_PX + plots.PLOT_PX) if picture.getpixel((x, row)) == green]
+    assert len(columns) == pytest.approx(rate * plots.PLOT_PX, abs=2)
+
+
+def test_the_worst_failures_are_those_that_others_solve(drawn: ScenarioList, tmp_path: Path) -> None:
+    comparison = compare(["straight", "gap", "dwa"], drawn, SIM, tmp_path / "out")
+    shown = plots.worst_failures(comparison)
+    assert shown
+    solvers = np.sum([record.solved() for record in comparison.records], axis=0)
+    for record in comparison.records:
+        mine = [index for other, index in shown if other is record]
+        failed = [index for index, solved in enumerate(record.solved()) if not solved]
+        assert len(mine) == min(len(failed), plots.PER_CONTENDER)
+        left_out = [solvers[index] for index in failed if index not in mine]
+        assert all(solvers[index] >= max(left_out, default=0) for index in mine)
+        assert set(mine) <= set(failed)
+
+
+def test_nobody_fails_in_an_open_world(tmp_path: Path) -> None:
+    comparison = compare(["straight", "default"], given_list([scenario()], SIM), SIM, tmp_path / "out")
+    assert plots.failures(comparison) is None
+    assert [pair.mcnemar_p for pair in comparison.pairs] == [1.0]
+    assert "failures.png" not in [file for file, _ in plots.write(comparison, tmp_path / "out")]
+
+
+def test_mistakes_of_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def refused(*typed: str) -> str:
+        assert main(["compare", *typed, "--out", str(tmp_path / "out")]) == 2
+        return capsys.readouterr().err.splitlines()[-1]
+
+    assert "nobody: no such folder" in refused("nobody")
+    assert "--episodes 0" in refused("gap", "--episodes", "0")
+    assert "--boxes 4: goes with --world boxes" in refused("gap", "--boxes", "4")
+    assert "learner.tu" in refused("gap", "--learner.tu", "1")
+    assert "compare: argument --level" in refused("gap", "--level", "dream")
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "out").write_text("a file")
+    assert "is not a folder" in refused("gap", "--episodes", "2")
+
+
+def test_settings_of_controllers_count(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text("[gap]\nmargin = 0.2\n")
+    for out, typed in (("a", ["--config", str(file)]), ("b", ["--gap.margin", "0.2"]), ("c", [])):
+        assert main(["compare", "gap", "default", *typed, "--episodes", "10", "--out", str(tmp_path / out)]) == 0
+    a, b, c = (untimed(tmp_path / out)["contenders"] for out in "abc")
+    assert a == b
+    assert a[0] != c[0]
+    assert a[1] == c[1]
+    assert load_policy("default").description.v_max == 0.5
