@@ -11,7 +11,8 @@ from navrl.config import Config, LearnerConfig, LidarConfig, NetworksConfig
 from navrl.encoding import encoded_size
 from navrl.replay import Replay, row_width
 from navrl.streams import stream
-from navrl.td3 import TD3, target_bounds
+from navrl.target_bounds import target_bounds
+from navrl.td3 import TD3
 
 BINS, SEED = 6, 3
 KERNEL = "auto"

@@ -275,6 +275,18 @@ def test_who_computes() -> None:
         Config(learner=LearnerConfig(kernel="native"), threads=ThreadsConfig(learn=2))
 
 
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_actions_are_torchs_and_each_its_own(dtype: torch.dtype) -> None:
+    """The same to rounding, and the same bits of a row in whatever company."""
+    native, plain = _pair(dtype, {"hidden_sizes": (33, 20, 7)})
+    rows = np.random.default_rng(0).normal(size=(200, native.inputs)).astype(np.float32)
+    actions = native.act(rows)
+    assert actions.dtype == np.float32
+    np.testing.assert_allclose(actions, plain.act(rows), rtol=0.0, atol=1e-6)
+    for first, last in ((0, 1), (63, 66), (5, 200)):
+        assert native.act(rows[first:last].copy()).tobytes() == actions[first:last].tobytes()
+
+
 def _arguments(td3: TD3) -> dict[str, object]:
     """Of a call of the binding."""
     assert td3._native is not None
@@ -317,6 +329,16 @@ def test_binding_refuses_arrays_that_do_not_fit() -> None:
             kernel.update(**{**good, **changed})
         assert _bits(td3) == before
     assert len(kernel.update(**good)) == 1
+    rows = np.zeros((3, td3.inputs), np.float32)
+    for wrong, actor, observations in (
+        (ValueError, vectors[0], rows[:, :-1].copy()),
+        (ValueError, vectors[0][:-1].copy(), rows),
+        (TypeError, vectors[0], rows.astype(np.float64)),
+        (TypeError, vectors[0].astype(np.float64), rows),
+        (TypeError, vectors[0], rows[:, ::2]),
+    ):
+        with pytest.raises(wrong):
+            kernel.act(actor=actor, observations=observations)
 
 
 def test_binding_refuses_sizes_that_do_not_follow_each_other() -> None:

@@ -16,7 +16,8 @@ from navrl.encoding import encoded_size
 from navrl.networks import mirror_actions, mirror_encoded
 from navrl.replay import NonFiniteError, Replay, row_width
 from navrl.streams import stream
-from navrl.td3 import BLOCK, TD3, flushed_denormals, target_bounds
+from navrl.target_bounds import target_bounds
+from navrl.td3 import BLOCK, TD3, flushed_denormals
 from plain_td3 import BINS, SEED, PlainActor, PlainCritic, PlainTD3, made_up_replay, small_config, small_learner
 
 

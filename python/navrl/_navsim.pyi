@@ -151,6 +151,14 @@ class Learner:
             ValueError: Another size, or vectors that overlap.
         """
 
+    def act(self, *, actor: NDArray[Any], observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Actions (n, 2) of the actor with these parameters for observations (n, inputs).
+
+        Raises:
+            TypeError: An array of another type, or not contiguous.
+            ValueError: Another size.
+        """
+
 @final
 class Scenario:
     """Start, goal and obstacles as a value, in metres and radians; the keys of a scenario list are its arguments.

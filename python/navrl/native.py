@@ -1,11 +1,13 @@
-"""The update on the native kernel: the draws, tensors and equations of `navrl.td3`, several updates in one call.
+"""Updates and actions on the native kernel, with the draws, tensors and equations of `navrl.td3`.
 
     kernel_of(config) -> "native" | "torch"           what computes the updates of a configuration
     Draws(indices, mirrored, noise)                   what some updates draw
-    NativeUpdates(...).update(replay, draws, rates=, updates=) -> a Record for each update
+    NativeLearner(...)
+        .update(replay, draws, rates=, updates=) -> a Record for each update
+        .act(encoded (N, inputs)) -> (N, 2)
 
-Torch's tensors remain the only copy of parameters and moments: the kernel works in their memory. It computes on one
-thread, without the interpreter's lock. Beside torch's updates its own differ by rounding alone.
+Torch's tensors remain the only copy of parameters and moments: the kernel works in their memory, several updates in
+one call. It computes on one thread, without the interpreter's lock. Its results differ from torch's by rounding alone.
 """
 
 from __future__ import annotations
@@ -69,8 +71,8 @@ class Trained:
         return [tensor.numpy() for tensor in tensors]
 
 
-class NativeUpdates:
-    """Updates of the networks of one learner, in their own memory."""
+class NativeLearner:
+    """Updates of the networks of one learner in their own memory, and its actor's actions."""
 
     def __init__(
         self,
@@ -151,6 +153,17 @@ class NativeUpdates:
         updates += len(rows)
         self._steps[0][()], self._steps[1][()] = updates // self._policy_delay, updates
         return [Record(*row) for row in rows]
+
+    def act(self, encoded: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The actor's actions.
+
+        Args:
+            encoded: (N, inputs) float32.
+
+        Returns:
+            (N, 2) float32 in [-1, 1]; those of a row do not depend on the others.
+        """
+        return self._kernel.act(actor=self._vectors["actor"][0], observations=encoded)
 
 
 def _place(weight: nn.Parameter, bias: nn.Parameter) -> tuple[int, int, int, int]:

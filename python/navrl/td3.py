@@ -8,7 +8,6 @@
         .average_actor()                           once per vector step
         .set_progress(fraction)                    share of the run that is over, for the step sizes
         .state() -> dict[str, ndarray];  .restore(state)
-    target_bounds(config) -> (low, high)
     with flushed_denormals(): ...                  around whatever updates
 
 Determinism: the bits depend on the calls, the processor model, the builds and the thread count, not on how updates are
@@ -30,13 +29,14 @@ from torch import Tensor, nn
 
 from navrl.config import Config, NetworksConfig
 from navrl.gradients import ActorPass, CriticPass, pack, unpack
-from navrl.native import Draws, NativeUpdates, Trained, kernel_of
+from navrl.native import Draws, NativeLearner, Trained, kernel_of
 from navrl.networks import ACTIONS, Actor, TwinCritic, encoded_size, mirror_actions, mirror_encoded
 from navrl.replay import Arrays, NonFiniteError, Replay, row_width
 from navrl.streams import restore_stream, stream, stream_state
+from navrl.target_bounds import target_bounds
 from navrl.update_metrics import Record, UpdateMetrics, native_metrics, torch_metrics
 
-__all__ = ["BLOCK", "TD3", "UpdateMetrics", "flushed_denormals", "target_bounds"]
+__all__ = ["BLOCK", "TD3", "UpdateMetrics", "flushed_denormals"]
 
 BLOCK = 64
 """Most updates whose rows are gathered together; bounds the memory of a call."""
@@ -103,7 +103,7 @@ class TD3:
         self.updates = 0
         self.actor_updates = 0
         self.progress = 0.0
-        self._native = self._native_updates() if kernel_of(config) == "native" else None
+        self._native = self._native_learner() if kernel_of(config) == "native" else None
 
     def _build(self, networks: NetworksConfig, *, num_critics: int, generator: np.random.Generator) -> None:
         """Makes networks, targets, optimisers and the memory of a batch."""
@@ -128,7 +128,7 @@ class TD3:
         self._observations, self._actions, self._successors = columns[:3]
         self._returns, self._bootstrap = columns[3][:, 0], columns[4][:, 0]
 
-    def _native_updates(self) -> NativeUpdates:
+    def _native_learner(self) -> NativeLearner:
         """The native kernel, to work in the memory of the networks and optimisers."""
         parts = zip(
             (self.actor, self.critic),
@@ -141,7 +141,7 @@ class TD3:
             Trained(network, online, target, next(iter(optimizer.state.values())))
             for network, online, target, optimizer in parts
         )
-        return NativeUpdates(
+        return NativeLearner(
             self.config,
             actor=actor,
             critic=critic,
@@ -168,6 +168,8 @@ class TD3:
         Returns:
             (N, 2) float32 in [-1, 1].
         """
+        if self._native is not None:
+            return self._native.act(encoded)
         with torch.no_grad():
             actions: Tensor = self.actor(torch.tensor(encoded, dtype=self.dtype))
         return actions.float().numpy()
@@ -208,7 +210,7 @@ class TD3:
         self._refuse_non_finite(errors)
         return torch_metrics(values, errors, actor_losses, outputs)
 
-    def _update_natively(self, native: NativeUpdates, count: int) -> UpdateMetrics:
+    def _update_natively(self, native: NativeLearner, count: int) -> UpdateMetrics:
         """Makes `count` updates as `update` does, on the native kernel."""
         records: list[Record] = []
         rates = (self.actor_optimizer.param_groups[0]["lr"], self.critic_optimizer.param_groups[0]["lr"])
@@ -351,40 +353,6 @@ class TD3:
                 parts = unpack(state[moment], network)
                 tensors |= {f"{kind}_adam.{moment}.{name}": part for name, part in parts.items()}
         return tensors
-
-
-def target_bounds(config: Config) -> tuple[float, float]:
-    """Bounds of an episode's discounted, scaled return that the reward settings imply.
-
-    A step that does not end the episode earns between -omega_max - 1/2 (turning in place at an obstacle, equations 3
-    and 5) and v_max, or -1 and 1/2 in the form "halves", and the progress of one straight step either way. After k such
-    steps a goal or a collision may follow, with the same progress, and the goal's delayed reward (equation 4); with k
-    at most the time limit, the extremes lie at k = 0 or at the end, for each further step changes the sum by gamma^k
-    times a constant.
-
-    Args:
-        config: Robot, task, reward and learner.
-
-    Returns:
-        (low, high), scaled by `reward_scale`.
-    """
-    robot, reward, learner = config.robot, config.reward, config.learner
-    halves = reward.form == "halves"
-    progress = reward.progress * robot.v_max * config.task.period
-    best = (0.5 if halves else robot.v_max) + progress
-    worst = (-0.5 if halves else -robot.omega_max) - 0.5 - progress
-    steps = round(config.task.time_limit / config.task.period)
-    delayed = reward.goal * sum(1.0 / i for i in range(1, learner.delayed_steps + 1))
-    goal = reward.goal + delayed + progress
-    collision = reward.collision - progress
-
-    def discounted(step: float, end: float, count: int) -> float:
-        # sum over k < count of gamma^k step, then gamma^count end
-        return step * (1.0 - learner.gamma**count) / (1.0 - learner.gamma) + learner.gamma**count * end
-
-    high = max(goal, discounted(best, goal, steps - 1), discounted(best, 0.0, steps))
-    low = min(collision, discounted(worst, collision, steps - 1), discounted(worst, 0.0, steps))
-    return learner.reward_scale * low, learner.reward_scale * high
 
 
 def _row_mirror(config: Config) -> tuple[NDArray[np.intp], NDArray[np.float32]]:

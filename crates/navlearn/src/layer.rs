@@ -1,6 +1,7 @@
 //! One dense layer, y = relu(W x + b), in its place in the packed parameters.
 
-use crate::kernels::{Isa, Matrix, bias_relu, multiply, through_relu};
+use crate::kernels::product::{Matrix, multiply};
+use crate::kernels::{Isa, bias_relu, through_relu};
 use crate::real::Real;
 use std::ops::Range;
 

@@ -1,4 +1,5 @@
-//! navlearn: the update of TD3 and DDPG (equations 7 to 10) on one thread, on parameters that belong to the caller.
+//! navlearn: the update of TD3 and DDPG (equations 7 to 10) on one thread, on parameters that belong to the caller; and
+//! the actor's answers.
 //!
 //! The flow of one update:
 //!
@@ -8,6 +9,7 @@
 //! * [`network`]: the actor (equation 8) and the critics (equation 7), forward and back; a [`layer`] is one dense layer
 //!   of them in its place in the packed parameters.
 //! * [`update`]: [`Learner`], targets (equation 9), losses, and how often what is stepped (equation 10).
+//! * [`act`]: the actor's actions for many observations.
 //! * [`settings`]: sizes and options of an update, checked.
 //! * [`adam`]: one step over a packed vector, with the targets' soft update in the same pass.
 //! * [`kernels`]: matrix products and loops over slices, chosen for the processor; [`real`]: f32 and f64.
@@ -21,12 +23,12 @@
 
 #![deny(unsafe_code)]
 
+pub mod act;
 pub mod adam;
 pub mod batch;
 pub mod error;
 pub mod kernels;
 pub mod layer;
-mod loops;
 pub mod network;
 pub mod real;
 pub mod settings;

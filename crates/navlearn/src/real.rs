@@ -1,6 +1,6 @@
 //! The numbers that networks are made of: f32, or f64 for comparisons.
 
-use crate::kernels::Multiply;
+use crate::kernels::product::Multiply;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
 /// A floating-point type.

@@ -1,5 +1,6 @@
 //! The update of TD3, with DDPG as its one-critic case (equations 9 and 10).
 
+use crate::act::Acting;
 use crate::adam::{Moments, Step};
 use crate::batch::{ACTIONS, Batch, width};
 use crate::error::{Error, Result, expect, expect_size};
@@ -73,6 +74,7 @@ pub struct Learner<T> {
     critic_gradient: Vec<T>,
     /// Where the actor's update leaves what it does not need.
     spare_gradient: Vec<T>,
+    acting: Acting<T>,
 }
 
 impl<T: Real> Learner<T> {
@@ -95,6 +97,7 @@ impl<T: Real> Learner<T> {
             actor_gradient: vec![T::ZERO; settings.sizes[0]],
             critic_gradient: vec![T::ZERO; settings.sizes[1]],
             spare_gradient: vec![T::ZERO; settings.sizes[1]],
+            acting: Acting::new(&settings, isa),
             settings,
             isa,
         })
@@ -103,6 +106,11 @@ impl<T: Real> Learner<T> {
     /// The settings.
     pub fn settings(&self) -> &Settings {
         &self.settings
+    }
+
+    /// What acts, with the settings' actor.
+    pub fn acting(&mut self) -> &mut Acting<T> {
+        &mut self.acting
     }
 
     /// Makes one update for each row of `draws.indices`.

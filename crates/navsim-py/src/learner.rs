@@ -2,11 +2,12 @@
 
 use crate::arguments::refusal;
 use navlearn::adam::Moments;
-use navlearn::batch::Mirror;
+use navlearn::batch::{ACTIONS, Mirror};
 use navlearn::layer::Layer;
 use navlearn::{Draws, Error, Real, Record, Settings, Trained};
 use numpy::{
-    Element, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1, PyUntypedArrayMethods,
+    Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1,
+    PyUntypedArrayMethods,
 };
 use pyo3::exceptions::{PyArithmeticError, PyValueError};
 use pyo3::prelude::*;
@@ -92,6 +93,22 @@ fn update<T: Real + Element>(
     Ok(records.into_iter().map(row).collect())
 }
 
+fn act<'py, T: Real + Element>(
+    py: Python<'py>,
+    core: &mut navlearn::Learner<T>,
+    actor: &Bound<'py, PyAny>,
+    observations: &PyReadonlyArray2<'py, f32>,
+) -> PyResult<Bound<'py, PyArray2<f32>>> {
+    let actor: PyReadonlyArray1<'py, T> = actor.extract()?;
+    let (parameters, rows) = (actor.as_slice()?, observations.as_slice()?);
+    let actions = PyArray2::zeros(py, [observations.shape()[0], ACTIONS], false);
+    let mut borrowed = actions.readwrite();
+    let result = borrowed.as_slice_mut()?;
+    py.detach(|| core.acting().act(parameters, rows, result)).map_err(stopped)?;
+    drop(borrowed);
+    Ok(actions)
+}
+
 #[pymethods]
 impl Learner {
     #[new]
@@ -163,6 +180,18 @@ impl Learner {
         match &mut self.core {
             Core::Single(core) => update(py, core, networks, rates, steps, draws),
             Core::Double(core) => update(py, core, networks, rates, steps, draws),
+        }
+    }
+    #[pyo3(signature = (*, actor, observations))]
+    fn act<'py>(
+        &mut self,
+        py: Python<'py>,
+        actor: &Bound<'py, PyAny>,
+        observations: PyReadonlyArray2<'py, f32>,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        match &mut self.core {
+            Core::Single(core) => act(py, core, actor, &observations),
+            Core::Double(core) => act(py, core, actor, &observations),
         }
     }
 }

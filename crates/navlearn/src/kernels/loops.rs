@@ -1,4 +1,4 @@
-//! Bodies of the loops that [`crate::kernels`] compiles for every instruction set.
+//! Bodies of the loops that [`super`] compiles for every instruction set.
 //!
 //! Sums run in `LANES` fixed lanes, so that their order does not depend on the width of the vectors.
 
