@@ -1,9 +1,9 @@
-"""Times the learner's updates beside stable-baselines3's in one run.
+"""Times the updates of the native kernel beside torch's and stable-baselines3's in one run.
 
-    OMP_NUM_THREADS=1 python benches/learner.py [--seconds S] [--slices K]
+    OMP_NUM_THREADS=1 python benches/learner.py [--peers torch stable-baselines3] [--seconds S] [--slices K]
 
-Both learn with twin critics on one thread from 100,000 made-up rows of 26 inputs, sampling included. Slices of the two
-alternate, so that whatever else the machine does meets both; the ratio is taken slice by slice. Seconds are processor
+All learn with twin critics on one thread from 100,000 made-up rows of 26 inputs, sampling included. Their slices
+alternate, so that whatever else the machine does meets all; the ratio is taken slice by slice. Seconds are processor
 time, which other programs disturb less; on an idle machine they are those of the clock.
 """
 
@@ -15,7 +15,7 @@ import platform
 import sys
 import time
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -25,7 +25,9 @@ from navrl.replay import Replay, row_width
 from navrl.td3 import TD3, flushed_denormals
 
 INPUTS, ROWS = 26, 100_000
-PEER = "stable-baselines3"
+SB3 = "stable-baselines3"
+PEERS = ("torch", SB3)
+"""The reference that `learner.kernel = "torch"` computes with, and another package."""
 
 
 class Variant(NamedTuple):
@@ -50,9 +52,9 @@ VARIANTS = (
 """Four that published comparisons use, and the defaults."""
 
 
-def navrl_updates(variant: Variant) -> Callable[[int], object]:
+def navrl_updates(variant: Variant, kernel: Literal["native", "torch"] = "native") -> Callable[[int], object]:
     """Updates of this package with its default options (mirror, penalty): call with their number."""
-    learner = LearnerConfig(batch_size=variant.batch_size, policy_delay=variant.policy_delay)
+    learner = LearnerConfig(kernel=kernel, batch_size=variant.batch_size, policy_delay=variant.policy_delay)
     config = Config(networks=NetworksConfig(hidden_sizes=variant.hidden_sizes), learner=learner)
     replay = Replay(ROWS, row_width(INPUTS))
     rows = np.random.default_rng(0).normal(0.0, 0.3, (ROWS, replay.width)).astype(np.float32)
@@ -61,7 +63,7 @@ def navrl_updates(variant: Variant) -> Callable[[int], object]:
     return TD3(config, replay).update
 
 
-def peer_updates(variant: Variant) -> Callable[[int], object]:
+def stable_baselines3_updates(variant: Variant) -> Callable[[int], object]:
     """Updates of stable-baselines3's TD3 with the same sizes: call with their number."""
     import gymnasium
     from stable_baselines3 import TD3 as PeerTD3
@@ -100,16 +102,18 @@ def rate(updates: Callable[[int], object], seconds: float) -> float:
     return count / elapsed
 
 
-def measure(variant: Variant, *, peer: bool, slices: int, seconds: float) -> None:
-    """Prints one line: min / median / max updates per second of both, and of the ratio."""
-    contenders = [navrl_updates(variant)] + ([peer_updates(variant)] if peer else [])
+def measure(variant: Variant, *, peers: list[str], slices: int, seconds: float) -> None:
+    """Prints a line for each contender: min / median / max updates per second, and native's ratio to it."""
+    contenders = [navrl_updates(variant)]
+    contenders += [
+        navrl_updates(variant, "torch") if peer == "torch" else stable_baselines3_updates(variant) for peer in peers
+    ]
     for updates in contenders:
         updates(20)
     rates = np.array([[rate(updates, seconds) for updates in contenders] for _ in range(slices)])
-    columns = [*rates.T, *([rates[:, 0] / rates[:, 1]] if peer else [])]
-    names = ["navrl", PEER, "ratio"]
-    texts = [f"{name} {_spread(column)}" for name, column in zip(names, columns, strict=False)]
-    print(f"{variant!s:34s} {'   '.join(texts)}", flush=True)
+    print(f"{variant!s:34s} native {_spread(rates[:, 0])}", flush=True)
+    for peer, column in zip(peers, rates.T[1:], strict=True):
+        print(f"{'':34s} {peer} {_spread(column)}   ratio {_spread(rates[:, 0] / column)}", flush=True)
 
 
 def _spread(numbers: np.ndarray) -> str:
@@ -123,16 +127,20 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=0.5, help="length of a slice")
     parser.add_argument("--slices", type=int, default=11, help="slices of each contender")
+    parser.add_argument(
+        "--peers", nargs="*", choices=PEERS, default=PEERS, help="what to time beside the native kernel"
+    )
     options = parser.parse_args()
     torch.set_num_threads(1)
-    peer = importlib.util.find_spec("stable_baselines3") is not None
-    if not peer:
-        print(f"{PEER} is missing; to measure beside it: pip install {PEER}", file=sys.stderr)
+    peers = list(options.peers)
+    if SB3 in peers and importlib.util.find_spec("stable_baselines3") is None:
+        print(f"{SB3} is missing; to measure beside it: pip install {SB3}", file=sys.stderr)
+        peers.remove(SB3)
     machine = platform.processor() or platform.machine()
     print(f"updates per second, min / median / max; torch {torch.__version__}, {machine}, 1 thread")
     with flushed_denormals():
         for variant in VARIANTS:
-            measure(variant, peer=peer, slices=options.slices, seconds=options.seconds)
+            measure(variant, peers=peers, slices=options.slices, seconds=options.seconds)
     return 0
 
 

@@ -11,9 +11,12 @@ from navrl.config import Config, LearnerConfig, LidarConfig, NetworksConfig
 from navrl.encoding import encoded_size
 from navrl.replay import Replay, row_width
 from navrl.streams import stream
-from navrl.td3 import TD3, target_bounds
+from navrl.target_bounds import target_bounds
+from navrl.td3 import TD3
 
 BINS, SEED = 6, 3
+KERNEL = "auto"
+"""What computes the updates of a small learner, unless a test says otherwise."""
 
 
 def small_config(networks: NetworksConfig | None = None, **learner: object) -> Config:
@@ -21,7 +24,7 @@ def small_config(networks: NetworksConfig | None = None, **learner: object) -> C
     return Config(
         lidar=LidarConfig(bins=BINS),
         networks=networks or NetworksConfig(hidden_sizes=(12, 10)),
-        learner=LearnerConfig(**{"batch_size": 7, **learner}),  # type: ignore[arg-type]
+        learner=LearnerConfig(**{"batch_size": 7, "kernel": KERNEL, **learner}),  # type: ignore[arg-type]
     )
 
 

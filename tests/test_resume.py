@@ -29,7 +29,7 @@ from short_runs import PRESETS, Cut, assert_same, newest_arrays, outcome, run_wi
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_checkpoints_do_not_change_results(whole: dict[str, dict[str, Any]], tmp_path: Path, preset: str) -> None:
-    train(small(preset, checkpoint__every_s="0.05"), tmp_path / "run", preset=preset, test=False)
+    train(small(preset, checkpoint__every_s="0.02"), tmp_path / "run", preset=preset, test=False)
     assert Checkpoints(tmp_path / "run" / "checkpoints").numbers()[-1] > 5
     assert_same(outcome(tmp_path / "run"), whole[preset])
 

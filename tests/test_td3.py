@@ -16,8 +16,17 @@ from navrl.encoding import encoded_size
 from navrl.networks import mirror_actions, mirror_encoded
 from navrl.replay import NonFiniteError, Replay, row_width
 from navrl.streams import stream
-from navrl.td3 import BLOCK, TD3, flushed_denormals, target_bounds
+from navrl.target_bounds import target_bounds
+from navrl.td3 import BLOCK, TD3, flushed_denormals
 from plain_td3 import BINS, SEED, PlainActor, PlainCritic, PlainTD3, made_up_replay, small_config, small_learner
+
+
+@pytest.fixture(params=["native", "torch"], autouse=True)
+def kernel(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Every test, for both."""
+    name: str = request.param
+    monkeypatch.setattr("plain_td3.KERNEL", name)
+    return name
 
 
 def _assert_same(plain: PlainTD3, td3: TD3) -> None:
@@ -263,21 +272,27 @@ def test_global_random_state_is_left_alone() -> None:
 
 
 @pytest.mark.parametrize("column", [0, 6, -2])
-def test_not_a_number_in_replay_stops_the_update(column: int) -> None:
+def test_not_a_number_in_replay_stops_the_update(column: int, kernel: str) -> None:
     td3 = small_learner(small_config(batch_size=64))
     td3.update(2)
     td3.replay.rows[: td3.replay.size, column] = np.nan
-    with pytest.raises(NonFiniteError, match="the critics' error in update 3 is not finite"):
+    seen = "of replay is not finite in column" if kernel == "native" else "the critics' error in update 3 is not finite"
+    with pytest.raises(NonFiniteError, match=seen):
         td3.update(2)
 
 
-@pytest.mark.parametrize(("network", "name"), [("actor", "actor"), ("critic", "critics")])
-def test_infinite_parameter_stops_the_update(network: str, name: str) -> None:
+@pytest.mark.parametrize(
+    ("network", "torch_sees", "native_sees"),
+    [
+        ("actor", "a parameter of the actor", "entry 0 of the actor's parameters"),
+        ("critic", "critics", "entry 0 of the critic's parameters"),
+    ],
+)
+def test_infinite_parameter_stops_the_update(network: str, torch_sees: str, native_sees: str, kernel: str) -> None:
     td3 = small_learner(small_config(policy_delay=1000))
     with torch.no_grad():
         next(getattr(td3, network).parameters())[0, 0] = float("inf")
-    match = "a parameter of the actor" if name == "actor" else "critics"
-    with pytest.raises(NonFiniteError, match=match):
+    with pytest.raises(NonFiniteError, match=native_sees if kernel == "native" else torch_sees):
         td3.update(1)
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 __all__ = [
     "BatchSim",
     "Controller",
+    "Learner",
     "Lookahead",
     "Scenario",
     "check_world",
@@ -100,6 +101,62 @@ class Controller:
         Raises:
             TypeError: Another dtype.
             ValueError: Another shape, a goal or velocity that is no finite number, a negative distance.
+        """
+
+@final
+class Learner:
+    """Updates of the networks of one learner; each layer is (inputs, outputs, place of W, place of b) in its vector.
+
+    Raises:
+        ValueError: Sizes that do not fit each other.
+    """
+
+    def __new__(
+        cls,
+        *,
+        double: bool,
+        actor: Sequence[tuple[int, int, int, int]],
+        critic: Sequence[tuple[int, int, int, int]],
+        action_weight: int,
+        critics: int,
+        batch: int,
+        sizes: Sequence[int],
+        policy_delay: int,
+        tau: float,
+        pretanh_penalty: float,
+        bounds: Sequence[float],
+        frozen_combined: bool,
+        mirror: tuple[Sequence[int], Sequence[float]] | None,
+    ) -> Self: ...
+    def update(
+        self,
+        *,
+        actor: Sequence[NDArray[Any]],
+        critic: Sequence[NDArray[Any]],
+        rates: Sequence[float],
+        steps: Sequence[int],
+        replay: NDArray[np.float32],
+        indices: NDArray[np.int64],
+        mirrored: NDArray[np.bool_],
+        noise: NDArray[np.float32],
+    ) -> list[list[float]]:
+        """One update for each batch of indices; `actor` and `critic` are parameters, targets, first and second moments.
+
+        Returns:
+            For each update critic_loss, average_q, maximum_q, actor_loss, saturated_share; NaN without an actor step.
+
+        Raises:
+            ArithmeticError: NaN or infinity.
+            TypeError: An array of another type, or not contiguous.
+            ValueError: Another size, or vectors that overlap.
+        """
+
+    def act(self, *, actor: NDArray[Any], observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Actions (n, 2) of the actor with these parameters for observations (n, inputs).
+
+        Raises:
+            TypeError: An array of another type, or not contiguous.
+            ValueError: Another size.
         """
 
 @final

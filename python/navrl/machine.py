@@ -44,7 +44,7 @@ class Machine:
     torch_isa: str
     """Instruction set of torch's kernels."""
     kernel: str
-    """What computes the updates."""
+    """What computes the updates: the native kernel or torch."""
     learn_threads: int
     """Threads of the update."""
     world_sha256: str
@@ -56,6 +56,7 @@ class Machine:
         import torch
 
         from navrl import _navsim
+        from navrl.native import kernel_of
 
         world = Path(config.world.name)
         return cls(
@@ -65,7 +66,7 @@ class Machine:
             cpu=cpu_model(),
             isa=_navsim.isa(),
             torch_isa=torch.backends.cpu.get_cpu_capability(),
-            kernel="torch",
+            kernel=kernel_of(config),
             learn_threads=config.threads.learn,
             world_sha256=hashlib.sha256(world.read_bytes()).hexdigest() if world.suffix else "",
         )

@@ -8,7 +8,6 @@
         .average_actor()                           once per vector step
         .set_progress(fraction)                    share of the run that is over, for the step sizes
         .state() -> dict[str, ndarray];  .restore(state)
-    target_bounds(config) -> (low, high)
     with flushed_denormals(): ...                  around whatever updates
 
 Determinism: the bits depend on the calls, the processor model, the builds and the thread count, not on how updates are
@@ -22,7 +21,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import nan
 
 import numpy as np
 import torch
@@ -31,12 +29,14 @@ from torch import Tensor, nn
 
 from navrl.config import Config, NetworksConfig
 from navrl.gradients import ActorPass, CriticPass, pack, unpack
+from navrl.native import Draws, NativeLearner, Trained, kernel_of
 from navrl.networks import ACTIONS, Actor, TwinCritic, encoded_size, mirror_actions, mirror_encoded
 from navrl.replay import Arrays, NonFiniteError, Replay, row_width
 from navrl.streams import restore_stream, stream, stream_state
+from navrl.target_bounds import target_bounds
+from navrl.update_metrics import Record, UpdateMetrics, native_metrics, torch_metrics
 
-SATURATED = 2.6466524
-"""|input of the actor's tanh| beyond which an output counts as saturated: |output| > 0.99, gradient under 0.02."""
+__all__ = ["BLOCK", "TD3", "UpdateMetrics", "flushed_denormals"]
 
 BLOCK = 64
 """Most updates whose rows are gathered together; bounds the memory of a call."""
@@ -68,24 +68,6 @@ class Batch:
     """(batch_size, width) float32 of replay, half of them mirrored where that is on."""
     target_noise: Tensor
     """(batch_size, 2) float32: clip(N(0, policy_noise), +-noise_clip)."""
-
-
-@dataclass(frozen=True)
-class UpdateMetrics:
-    """Means over the updates of one call, or over its actor steps."""
-
-    critic_loss: float
-    """Mean squared error of the critics' values, summed over the critics."""
-    average_q: float
-    """Mean value of the sampled actions over batch and critics, scaled as rewards are."""
-    maximum_q: float
-    """Largest such value."""
-    actor_updates: int
-    """Actor steps among the updates."""
-    actor_loss: float
-    """Minus the first critic's mean value of the actor's actions, plus the penalty; NaN without an actor step."""
-    saturated_share: float
-    """Share of the actor's outputs beyond 0.99 in size; NaN without an actor step."""
 
 
 class TD3:
@@ -121,6 +103,7 @@ class TD3:
         self.updates = 0
         self.actor_updates = 0
         self.progress = 0.0
+        self._native = self._native_learner() if kernel_of(config) == "native" else None
 
     def _build(self, networks: NetworksConfig, *, num_critics: int, generator: np.random.Generator) -> None:
         """Makes networks, targets, optimisers and the memory of a batch."""
@@ -145,6 +128,28 @@ class TD3:
         self._observations, self._actions, self._successors = columns[:3]
         self._returns, self._bootstrap = columns[3][:, 0], columns[4][:, 0]
 
+    def _native_learner(self) -> NativeLearner:
+        """The native kernel, to work in the memory of the networks and optimisers."""
+        parts = zip(
+            (self.actor, self.critic),
+            self._online,
+            self._targets,
+            (self.actor_optimizer, self.critic_optimizer),
+            strict=True,
+        )
+        actor, critic = (
+            Trained(network, online, target, next(iter(optimizer.state.values())))
+            for network, online, target, optimizer in parts
+        )
+        return NativeLearner(
+            self.config,
+            actor=actor,
+            critic=critic,
+            policy_delay=self.policy_delay,
+            bounds=self.bounds,
+            mirror=self._mirror,
+        )
+
     @property
     def policy(self) -> Actor:
         """The averaged actor, or the actor itself where averaging is off."""
@@ -163,6 +168,8 @@ class TD3:
         Returns:
             (N, 2) float32 in [-1, 1].
         """
+        if self._native is not None:
+            return self._native.act(encoded)
         with torch.no_grad():
             actions: Tensor = self.actor(torch.tensor(encoded, dtype=self.dtype))
         return actions.float().numpy()
@@ -178,11 +185,14 @@ class TD3:
 
         Raises:
             ValueError: If replay is empty.
-            NonFiniteError: If a loss or a parameter is NaN or infinite after the call. The networks are of no more use
-                then; what was saved before the call is sound, for every call before this one ended finite.
+            NonFiniteError: If a loss or a parameter is NaN or infinite after the call, or with the native kernel before
+                it. The networks are of no more use then; what was saved before the call is sound, for every call
+                before this one ended finite.
         """
         if self.replay.size == 0:
             raise ValueError("no rows in replay to learn from")
+        if self._native is not None:
+            return self._update_natively(self._native, count)
         errors, values, actor_losses, outputs = [], [], [], []
         for batch in self._batches(count):
             self._rows.copy_(batch.rows)
@@ -198,7 +208,17 @@ class TD3:
                 # Eq. 10: theta' <- tau theta + (1 - tau) theta'
                 torch._foreach_lerp_(self._targets, self._online, self.config.tau)
         self._refuse_non_finite(errors)
-        return _metrics(values, errors, actor_losses, outputs)
+        return torch_metrics(values, errors, actor_losses, outputs)
+
+    def _update_natively(self, native: NativeLearner, count: int) -> UpdateMetrics:
+        """Makes `count` updates as `update` does, on the native kernel."""
+        records: list[Record] = []
+        rates = (self.actor_optimizer.param_groups[0]["lr"], self.critic_optimizer.param_groups[0]["lr"])
+        for draws in self._draws(count, min(BLOCK, native.updates_per_call)):
+            records += native.update(self.replay.rows, draws, rates=rates, updates=self.updates)
+            self.updates += len(draws.indices)
+            self.actor_updates = self.updates // self.policy_delay
+        return native_metrics(records)
 
     def _target(self, noise: Tensor) -> Tensor:
         """The targets (B,) of the batch; `noise` (B, 2) is clip(N(0, sigma), +-c)."""
@@ -248,18 +268,25 @@ class TD3:
         self.critic_optimizer.param_groups[0]["lr"] = self.config.critic_lr * share
         self.actor_optimizer.param_groups[0]["lr"] = self.config.actor_lr * share
 
+    def _draws(self, count: int, block: int) -> Iterator[Draws]:
+        """Draws for `count` updates, for at most `block` of them at a time."""
+        for first in range(0, count, block):
+            shape = (min(block, count - first), self.config.batch_size)
+            indices = self._streams["replay_indices"].integers(self.replay.size, size=shape)
+            mirrored = np.zeros(shape, np.bool_)
+            if self._mirror is not None:
+                mirrored = self._streams["mirror"].random(indices.size, np.float32).reshape(shape) < 0.5
+            yield Draws(indices, mirrored, self._target_noise((*shape, ACTIONS)))
+
     def _batches(self, count: int) -> Iterator[Batch]:
         """Draws `count` batches, `BLOCK` at a time."""
-        for first in range(0, count, BLOCK):
-            shape = (min(BLOCK, count - first), self.config.batch_size)
-            indices = self._streams["replay_indices"].integers(self.replay.size, size=shape)
-            rows = self.replay.sample(indices.ravel())
+        for draws in self._draws(count, BLOCK):
+            rows = self.replay.sample(draws.indices.ravel())
             if self._mirror is not None:
-                mirrored = self._streams["mirror"].random(len(rows), np.float32) < 0.5
-                permutation, signs = self._mirror
+                mirrored, (permutation, signs) = draws.mirrored.ravel(), self._mirror
                 rows[mirrored] = rows[mirrored][:, permutation] * signs
-            noise = self._target_noise((*shape, ACTIONS))
-            yield from map(Batch, torch.from_numpy(rows.reshape(*shape, -1)), torch.from_numpy(noise))
+            batches = torch.from_numpy(rows.reshape(*draws.indices.shape, -1))
+            yield from map(Batch, batches, torch.from_numpy(draws.noise))
 
     def _target_noise(self, shape: tuple[int, ...]) -> NDArray[np.float32]:
         """Draws clip(N(0, policy_noise), +-noise_clip), or zeros where it is off."""
@@ -328,40 +355,6 @@ class TD3:
         return tensors
 
 
-def target_bounds(config: Config) -> tuple[float, float]:
-    """Bounds of an episode's discounted, scaled return that the reward settings imply.
-
-    A step that does not end the episode earns between -omega_max - 1/2 (turning in place at an obstacle, equations 3
-    and 5) and v_max, or -1 and 1/2 in the form "halves", and the progress of one straight step either way. After k such
-    steps a goal or a collision may follow, with the same progress, and the goal's delayed reward (equation 4); with k
-    at most the time limit, the extremes lie at k = 0 or at the end, for each further step changes the sum by gamma^k
-    times a constant.
-
-    Args:
-        config: Robot, task, reward and learner.
-
-    Returns:
-        (low, high), scaled by `reward_scale`.
-    """
-    robot, reward, learner = config.robot, config.reward, config.learner
-    halves = reward.form == "halves"
-    progress = reward.progress * robot.v_max * config.task.period
-    best = (0.5 if halves else robot.v_max) + progress
-    worst = (-0.5 if halves else -robot.omega_max) - 0.5 - progress
-    steps = round(config.task.time_limit / config.task.period)
-    delayed = reward.goal * sum(1.0 / i for i in range(1, learner.delayed_steps + 1))
-    goal = reward.goal + delayed + progress
-    collision = reward.collision - progress
-
-    def discounted(step: float, end: float, count: int) -> float:
-        # sum over k < count of gamma^k step, then gamma^count end
-        return step * (1.0 - learner.gamma**count) / (1.0 - learner.gamma) + learner.gamma**count * end
-
-    high = max(goal, discounted(best, goal, steps - 1), discounted(best, 0.0, steps))
-    low = min(collision, discounted(worst, collision, steps - 1), discounted(worst, 0.0, steps))
-    return learner.reward_scale * low, learner.reward_scale * high
-
-
 def _row_mirror(config: Config) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
     """Permutation and signs (width,) of a row of replay: both observations and the action; the rest stays."""
     encoded = mirror_encoded(config.lidar.bins, config.networks.encoding)
@@ -382,18 +375,3 @@ def _adam(vector: nn.Parameter, lr: float) -> torch.optim.Adam:
         "exp_avg_sq": torch.zeros_like(vector),
     }
     return optimizer
-
-
-def _metrics(
-    values: list[Tensor], errors: list[Tensor], actor_losses: list[Tensor], outputs: list[Tensor]
-) -> UpdateMetrics:
-    """Metrics of one call: per update the critics' values and errors (num_critics, B), per actor step the rest."""
-    all_values, no_actor_step = torch.stack(values), not actor_losses
-    return UpdateMetrics(
-        critic_loss=float(torch.stack(errors).square().mean(2).sum(1).mean()),
-        average_q=float(all_values.mean()),
-        maximum_q=float(all_values.max()),
-        actor_updates=len(actor_losses),
-        actor_loss=nan if no_actor_step else float(torch.stack(actor_losses).mean()),
-        saturated_share=nan if no_actor_step else float((torch.stack(outputs).abs() > SATURATED).double().mean()),
-    )

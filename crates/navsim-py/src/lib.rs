@@ -3,6 +3,7 @@
 mod arguments;
 mod batch;
 mod controller;
+mod learner;
 mod planner;
 mod scenario;
 
@@ -17,6 +18,8 @@ mod _navsim {
     use crate::batch::BatchSim;
     #[pymodule_export]
     use crate::controller::Controller;
+    #[pymodule_export]
+    use crate::learner::Learner;
     #[pymodule_export]
     use crate::planner::{Lookahead, plan};
     #[pymodule_export]

@@ -182,8 +182,8 @@ class LearnerConfig:
 
     algorithm: Literal["td3", "ddpg"] = "td3"
     """TD3, or DDPG: one critic, no target noise, no minimum, an actor step with every update."""
-    kernel: Literal["auto", "torch"] = "auto"
-    """What computes the update."""
+    kernel: Literal["auto", "native", "torch"] = "auto"
+    """What computes the update: the native kernel, or torch; "auto" takes the native one if threads.learn is 1."""
     batch_size: Annotated[int, Field(ge=1, le=65536)] = 96
     """Rows of replay per update."""
     critic_lr: _Rate = 2.5e-3

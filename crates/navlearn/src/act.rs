@@ -1,0 +1,55 @@
+//! The actor asked about many observations at once.
+
+use crate::batch::ACTIONS;
+use crate::error::{Result, expect, expect_size};
+use crate::kernels::Isa;
+use crate::network::Actor;
+use crate::real::Real;
+use crate::settings::Settings;
+
+/// Observations that pass the network together; as this never changes, neither do the bits of one beside others.
+const ROWS: usize = 64;
+
+/// Memory to act with.
+#[derive(Debug)]
+pub struct Acting<T> {
+    actor: Actor<T>,
+    /// (inputs, ROWS).
+    observations: Vec<T>,
+    /// Numbers in the actor's packed vector.
+    size: usize,
+}
+
+impl<T: Real> Acting<T> {
+    /// Memory for the actor of `settings`, which are checked.
+    pub fn new(settings: &Settings, isa: Isa) -> Self {
+        let observations = vec![T::ZERO; settings.inputs() * ROWS];
+        Self { actor: Actor::new(&settings.actor, ROWS, isa), observations, size: settings.sizes[0] }
+    }
+
+    /// Sets `actions` (n, 2) to tanh of the actor's outputs for `observations` (n, inputs), both by rows.
+    ///
+    /// # Errors
+    /// A slice has another length than the settings imply.
+    pub fn act(&mut self, parameters: &[T], observations: &[f32], actions: &mut [f32]) -> Result<()> {
+        let inputs = self.observations.len() / ROWS;
+        let count = observations.len();
+        expect_size("the actor's parameters", parameters.len(), self.size)?;
+        expect("numbers in observations", count, count.is_multiple_of(inputs), || format!("a multiple of {inputs}"))?;
+        expect_size("actions", actions.len(), count / inputs * ACTIONS)?;
+        for (rows, actions) in observations.chunks(ROWS * inputs).zip(actions.chunks_mut(ROWS * ACTIONS)) {
+            for (place, row) in rows.chunks_exact(inputs).enumerate() {
+                for (number, &x) in self.observations[place..].iter_mut().step_by(ROWS).zip(row) {
+                    *number = T::of(f64::from(x));
+                }
+            }
+            self.actor.forward(parameters, &self.observations);
+            let (forward, turn) = self.actor.outputs.split_at(ROWS);
+            for (action, (v, omega)) in actions.chunks_exact_mut(ACTIONS).zip(forward.iter().zip(turn)) {
+                // Eq. 8: mu(s) = tanh of the output layer
+                action.copy_from_slice(&[v, omega].map(|z| z.tanh().wide() as f32));
+            }
+        }
+        Ok(())
+    }
+}

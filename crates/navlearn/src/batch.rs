@@ -1,0 +1,90 @@
+//! A batch: rows of replay, drawn by index, with one column for each row drawn.
+
+use crate::real::Real;
+
+/// Numbers in an action: forward and turn (equation 1).
+pub const ACTIONS: usize = 2;
+
+/// The left-right mirror of a row of replay: column j becomes `signs[j]` times column `permutation[j]`.
+#[derive(Debug, Clone)]
+pub struct Mirror {
+    /// (width) where each column comes from.
+    pub permutation: Vec<usize>,
+    /// (width) +1 or -1.
+    pub signs: Vec<f32>,
+}
+
+/// The rows of one update.
+#[derive(Debug)]
+pub struct Batch<T> {
+    /// (width, size): observation, action, successor, return R, bootstrap factor.
+    columns: Vec<T>,
+    inputs: usize,
+    size: usize,
+}
+
+impl<T: Real> Batch<T> {
+    /// Memory for `size` rows with observations of `inputs` numbers.
+    pub fn new(inputs: usize, size: usize) -> Self {
+        Self { columns: vec![T::ZERO; width(inputs) * size], inputs, size }
+    }
+
+    /// Copies rows of `replay` (by rows) in, mirrored where `mirrored` says so.
+    ///
+    /// # Panics
+    /// If an index is beyond replay, or a row is to be mirrored and there is no mirror.
+    pub fn gather(&mut self, replay: &[f32], indices: &[i64], mirrored: &[bool], mirror: Option<&Mirror>) {
+        let (width, size) = (width(self.inputs), self.size);
+        for (place, (&index, &flip)) in indices.iter().zip(mirrored).enumerate() {
+            let row = &replay[index as usize * width..][..width];
+            let places = self.columns[place..].iter_mut().step_by(size);
+            match mirror {
+                Some(mirror) if flip => {
+                    for ((number, &from), &sign) in places.zip(&mirror.permutation).zip(&mirror.signs) {
+                        *number = T::of(f64::from(sign * row[from]));
+                    }
+                }
+                _ => {
+                    assert!(!flip, "a row to mirror without a mirror");
+                    for (number, &x) in places.zip(row) {
+                        *number = T::of(f64::from(x));
+                    }
+                }
+            }
+        }
+    }
+
+    fn part(&self, first: usize, rows: usize) -> &[T] {
+        &self.columns[first * self.size..][..rows * self.size]
+    }
+
+    /// (inputs, size).
+    pub fn observations(&self) -> &[T] {
+        self.part(0, self.inputs)
+    }
+
+    /// (2, size).
+    pub fn actions(&self) -> &[T] {
+        self.part(self.inputs, ACTIONS)
+    }
+
+    /// (inputs, size).
+    pub fn successors(&self) -> &[T] {
+        self.part(self.inputs + ACTIONS, self.inputs)
+    }
+
+    /// R (size) of equation 9.
+    pub fn returns(&self) -> &[T] {
+        self.part(2 * self.inputs + ACTIONS, 1)
+    }
+
+    /// gamma^m (1 - terminated) (size) of equation 9.
+    pub fn bootstrap(&self) -> &[T] {
+        self.part(2 * self.inputs + ACTIONS + 1, 1)
+    }
+}
+
+/// Columns of a row of replay with observations of `inputs` numbers.
+pub fn width(inputs: usize) -> usize {
+    2 * inputs + ACTIONS + 2
+}

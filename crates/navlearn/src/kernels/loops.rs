@@ -1,0 +1,148 @@
+//! Bodies of the loops that [`super`] compiles for every instruction set.
+//!
+//! Sums run in `LANES` fixed lanes, so that their order does not depend on the width of the vectors.
+
+use crate::adam::{EPSILON, FIRST_DECAY, Moments, SECOND_DECAY, Step};
+use crate::real::Real;
+
+/// Partial sums of a sum: the numbers in one vector of the widest instruction set.
+const LANES: usize = 16;
+
+#[inline(always)]
+fn relu<T: Real>(z: T) -> T {
+    if z < T::ZERO { T::ZERO } else { z }
+}
+
+/// Adds up the lanes, halving them.
+#[inline(always)]
+fn total<T: Real>(mut lanes: [T; LANES]) -> T {
+    let mut width = LANES / 2;
+    while width > 0 {
+        for lane in 0..width {
+            lanes[lane] += lanes[lane + width];
+        }
+        width /= 2;
+    }
+    lanes[0]
+}
+
+/// Sum over i of f(a_i, b_i).
+#[inline(always)]
+fn sum_of<T: Real>(a: &[T], b: &[T], f: impl Fn(T, T) -> T) -> T {
+    let mut lanes = [T::ZERO; LANES];
+    let ((wholes_a, rest_a), (wholes_b, rest_b)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    for (a, b) in wholes_a.iter().zip(wholes_b) {
+        for lane in 0..LANES {
+            lanes[lane] += f(a[lane], b[lane]);
+        }
+    }
+    for ((lane, a), b) in lanes.iter_mut().zip(rest_a).zip(rest_b) {
+        *lane += f(*a, *b);
+    }
+    total(lanes)
+}
+
+#[inline(always)]
+pub fn bias_relu<T: Real>(z: &mut [T], bias: &[T], batch: usize) {
+    for (row, &b) in z.chunks_exact_mut(batch).zip(bias) {
+        for z in row {
+            *z = relu(*z + b);
+        }
+    }
+}
+
+#[inline(always)]
+pub fn combined_relu<T: Real>(z: &mut [T], bias: &[T], weight: &[T], actions: &[T], batch: usize) {
+    let ((forward, turn), (w_forward, w_turn)) = (actions.split_at(batch), weight.split_at(bias.len()));
+    for (((row, &b), &wf), &wt) in z.chunks_exact_mut(batch).zip(bias).zip(w_forward).zip(w_turn) {
+        for ((z, &af), &at) in row.iter_mut().zip(forward).zip(turn) {
+            *z = relu(*z + (wf * af + wt * at + b));
+        }
+    }
+}
+
+#[inline(always)]
+pub fn through_relu<T: Real>(gradient: &mut [T], outputs: &[T], sums: &mut [T], batch: usize) {
+    for ((row, outputs), sum) in gradient.chunks_exact_mut(batch).zip(outputs.chunks_exact(batch)).zip(sums) {
+        for (g, &y) in row.iter_mut().zip(outputs) {
+            *g = if y > T::ZERO { *g } else { T::ZERO };
+        }
+        *sum = sum_of(row, outputs, |g, _| g);
+    }
+}
+
+#[inline(always)]
+pub fn narrow<T: Real>(weight: &[T], bias: Option<&[T]>, inputs: &[T], outputs: &mut [T], batch: usize) {
+    let units = inputs.len() / batch;
+    for (i, (row, weights)) in outputs.chunks_exact_mut(batch).zip(weight.chunks_exact(units)).enumerate() {
+        row.fill(bias.map_or(T::ZERO, |bias| bias[i]));
+        for (inputs, &w) in inputs.chunks_exact(batch).zip(weights) {
+            for (y, &x) in row.iter_mut().zip(inputs) {
+                *y += w * x;
+            }
+        }
+    }
+}
+
+#[inline(always)]
+pub fn narrow_weights<T: Real>(upper: &[T], inputs: &[T], gradient: &mut [T], batch: usize) {
+    let units = inputs.len() / batch;
+    for (upper, row) in upper.chunks_exact(batch).zip(gradient.chunks_exact_mut(units)) {
+        for (g, inputs) in row.iter_mut().zip(inputs.chunks_exact(batch)) {
+            *g = sum_of(upper, inputs, |u, x| u * x);
+        }
+    }
+}
+
+#[inline(always)]
+pub fn narrow_inputs<T: Real>(weight: &[T], upper: &[T], gradient: &mut [T], batch: usize) {
+    let units = gradient.len() / batch;
+    for (i, (upper, weights)) in upper.chunks_exact(batch).zip(weight.chunks_exact(units)).enumerate() {
+        for (row, &w) in gradient.chunks_exact_mut(batch).zip(weights) {
+            for (g, &u) in row.iter_mut().zip(upper) {
+                *g = if i == 0 { w * u } else { *g + w * u };
+            }
+        }
+    }
+}
+
+/// The new parameter, with its moments updated.
+#[inline(always)]
+fn stepped<T: Real>(step: Step<T>, gradient: T, parameter: T, first: &mut T, second: &mut T) -> T {
+    let g = gradient.settled();
+    *first = (T::of(FIRST_DECAY) * *first + T::of(1.0 - FIRST_DECAY) * g).settled();
+    let square = (T::of(1.0 - SECOND_DECAY) * (g * g).settled()).settled();
+    *second = (T::of(SECOND_DECAY) * *second + square).settled();
+    parameter - step.size * *first / (second.root() * step.scale + T::of(EPSILON))
+}
+
+#[inline(always)]
+pub fn adam<T: Real>(step: Step<T>, gradient: &[T], moments: Moments<'_, T>, parameters: &mut [T]) {
+    let moments = moments.first.iter_mut().zip(moments.second);
+    for ((p, &g), (first, second)) in parameters.iter_mut().zip(gradient).zip(moments) {
+        *p = stepped(step, g, *p, first, second);
+    }
+}
+
+#[inline(always)]
+pub fn adam_and_follow<T: Real>(
+    step: Step<T>,
+    gradient: &[T],
+    moments: Moments<'_, T>,
+    parameters: &mut [T],
+    targets: &mut [T],
+    tau: T,
+) {
+    let moments = moments.first.iter_mut().zip(moments.second);
+    for (((p, &g), (first, second)), target) in parameters.iter_mut().zip(gradient).zip(moments).zip(targets) {
+        *p = stepped(step, g, *p, first, second);
+        // Eq. 10: theta' <- tau theta + (1 - tau) theta'
+        *target = (*target + tau * (*p - *target)).settled();
+    }
+}
+
+#[inline(always)]
+pub fn all_finite<T: Real>(numbers: &[T]) -> bool {
+    // Whole blocks at a time, for an exit from within would keep them from being vectors.
+    numbers.chunks(4 * LANES).all(|block| block.iter().fold(true, |all, x| all & x.finite()))
+}

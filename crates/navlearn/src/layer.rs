@@ -1,0 +1,71 @@
+//! One dense layer, y = relu(W x + b), in its place in the packed parameters.
+
+use crate::kernels::product::{Matrix, multiply};
+use crate::kernels::{Isa, bias_relu, through_relu};
+use crate::real::Real;
+use std::ops::Range;
+
+/// Sizes of a layer, and where its numbers lie in the packed vector of parameters and in that of their gradients.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Layer {
+    /// Units below.
+    pub inputs: usize,
+    /// Units of this layer.
+    pub outputs: usize,
+    /// Place of W (outputs, inputs).
+    pub weight: usize,
+    /// Place of b (outputs).
+    pub bias: usize,
+}
+
+impl Layer {
+    /// The same layer of the critic that lies `number` critics further.
+    pub fn of_critic(self, number: usize) -> Self {
+        let weight = self.weight + number * self.outputs * self.inputs;
+        Self { weight, bias: self.bias + number * self.outputs, ..self }
+    }
+
+    /// This layer of `count` critics at once, which see the same inputs and lie one after the other.
+    pub fn of_critics(self, count: usize) -> Self {
+        Self { outputs: count * self.outputs, ..self }
+    }
+
+    /// Where W lies.
+    pub fn weights(self) -> Range<usize> {
+        self.weight..self.weight + self.outputs * self.inputs
+    }
+
+    /// Where b lies.
+    pub fn biases(self) -> Range<usize> {
+        self.bias..self.bias + self.outputs
+    }
+
+    /// W x (outputs, batch) for `inputs` x (inputs, batch).
+    pub fn product<T: Real>(self, isa: Isa, parameters: &[T], inputs: &[T], outputs: &mut [T], batch: usize) {
+        let weight = Matrix::by_rows(&parameters[self.weights()], self.inputs);
+        multiply(isa, weight, Matrix::by_rows(inputs, batch), outputs);
+    }
+
+    /// relu(W x + b).
+    pub fn forward<T: Real>(self, isa: Isa, parameters: &[T], inputs: &[T], outputs: &mut [T], batch: usize) {
+        self.product(isa, parameters, inputs, outputs, batch);
+        bias_relu(isa, outputs, &parameters[self.biases()], batch);
+    }
+
+    /// Turns `upper` (outputs, batch) from dL/dy into dL/d(W x + b) and sets the gradient of b.
+    pub fn through_relu<T: Real>(self, isa: Isa, upper: &mut [T], outputs: &[T], gradient: &mut [T], batch: usize) {
+        through_relu(isa, upper, outputs, &mut gradient[self.biases()], batch);
+    }
+
+    /// Sets the gradient of W from dL/d(W x + b).
+    pub fn weight_gradient<T: Real>(self, isa: Isa, upper: &[T], inputs: &[T], gradient: &mut [T], batch: usize) {
+        let inputs = Matrix::by_rows(inputs, batch).transposed();
+        multiply(isa, Matrix::by_rows(upper, batch), inputs, &mut gradient[self.weights()]);
+    }
+
+    /// dL/dx (inputs, batch) from dL/d(W x + b).
+    pub fn input_gradient<T: Real>(self, isa: Isa, parameters: &[T], upper: &[T], lower: &mut [T], batch: usize) {
+        let weight = Matrix::by_rows(&parameters[self.weights()], self.inputs).transposed();
+        multiply(isa, weight, Matrix::by_rows(upper, batch), lower);
+    }
+}

@@ -1,0 +1,80 @@
+//! Sizes and options of an update.
+
+use crate::batch::{ACTIONS, Mirror, width};
+use crate::error::{Result, expect, expect_size};
+use crate::layer::Layer;
+
+/// What the update depends on besides parameters and draws.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Layers of the actor in its packed vector, the output last; hidden layers of any number.
+    pub actor: Vec<Layer>,
+    /// Layers of the first critic in the critics' packed vector: observation, combined, further ones, output.
+    pub critic: Vec<Layer>,
+    /// Place of W_a of equation 7 there.
+    pub action_weight: usize,
+    /// 2 for TD3, 1 for DDPG.
+    pub critics: usize,
+    /// Rows of an update.
+    pub batch: usize,
+    /// Numbers in the packed vectors of the actor and the critics.
+    pub sizes: [usize; 2],
+    /// Updates of the critics per update of the actor and the targets (equation 10).
+    pub policy_delay: u64,
+    /// Share of the online weights in a soft update (equation 10).
+    pub tau: f64,
+    /// Weight in the actor's loss of the mean squared input of its tanh.
+    pub pretanh_penalty: f64,
+    /// Bounds of the targets; infinite where they are free.
+    pub bounds: [f64; 2],
+    /// Whether the combined layer stays untrained.
+    pub frozen_combined: bool,
+    /// The mirror of a row, where rows are mirrored.
+    pub mirror: Option<Mirror>,
+}
+
+impl Settings {
+    /// Numbers in an observation.
+    pub fn inputs(&self) -> usize {
+        self.actor[0].inputs
+    }
+
+    /// Refuses what cannot be: sizes that do not follow each other, places beyond a vector.
+    ///
+    /// # Errors
+    /// Names what does not fit.
+    pub fn check(&self) -> Result<()> {
+        expect("layers of the actor", self.actor.len(), !self.actor.is_empty(), || "at least 1".into())?;
+        expect("layers of a critic", self.critic.len(), self.critic.len() >= 3, || "at least 3".into())?;
+        expect("critics", self.critics, (1..=2).contains(&self.critics), || "1 or 2".into())?;
+        expect("rows of a batch", self.batch, self.batch >= 1, || "at least 1".into())?;
+        expect("policy_delay", self.policy_delay as usize, self.policy_delay >= 1, || "at least 1".into())?;
+        let networks = [
+            ("actor", &self.actor, self.sizes[0], 1, ACTIONS),
+            ("critic", &self.critic, self.sizes[1], self.critics, 1),
+        ];
+        for (name, layers, size, count, outputs) in networks {
+            expect_size(format!("inputs of the {name}"), layers[0].inputs, self.inputs())?;
+            expect_size(format!("outputs of the {name}"), layers[layers.len() - 1].outputs, outputs)?;
+            for pair in layers.windows(2) {
+                expect_size(format!("inputs of a layer of the {name}"), pair[1].inputs, pair[0].outputs)?;
+            }
+            for layer in layers {
+                expect(format!("units of the {name}"), layer.outputs, layer.outputs * layer.inputs > 0, || {
+                    ">= 1".into()
+                })?;
+                let end = layer.of_critics(count).weights().end.max(layer.of_critics(count).biases().end);
+                expect(format!("end of a layer of the {name}"), end, end <= size, || format!("at most {size}"))?;
+            }
+        }
+        let end = self.action_weight + self.critics * ACTIONS * self.critic[1].outputs;
+        expect("end of W_a", end, end <= self.sizes[1], || format!("at most {}", self.sizes[1]))?;
+        self.mirror.as_ref().map_or(Ok(()), |mirror| {
+            let width = width(self.inputs());
+            expect_size("columns of the mirror", mirror.permutation.len(), width)?;
+            expect_size("signs of the mirror", mirror.signs.len(), width)?;
+            let farthest = mirror.permutation.iter().copied().max().unwrap_or_default();
+            expect("a column of the mirror", farthest, farthest < width, || format!("less than {width}"))
+        })
+    }
+}

@@ -1,0 +1,197 @@
+//! The learner's updates for Python.
+
+use crate::arguments::refusal;
+use navlearn::adam::Moments;
+use navlearn::batch::{ACTIONS, Mirror};
+use navlearn::layer::Layer;
+use navlearn::{Draws, Error, Real, Record, Settings, Trained};
+use numpy::{
+    Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1,
+    PyUntypedArrayMethods,
+};
+use pyo3::exceptions::{PyArithmeticError, PyValueError};
+use pyo3::prelude::*;
+
+/// Updates of the networks of one learner; see navrl.native.
+#[pyclass(module = "navrl._navsim")]
+pub struct Learner {
+    core: Core,
+}
+
+enum Core {
+    Single(navlearn::Learner<f32>),
+    Double(navlearn::Learner<f64>),
+}
+
+/// Parameters, targets and Adam's two moments of a network.
+type Vectors<'py, T> = [Bound<'py, PyArray1<T>>; 4];
+
+/// (inputs, outputs, place of W, place of b) of a layer.
+type Place = (usize, usize, usize, usize);
+
+/// A row for each update: critic_loss, average_q, maximum_q, actor_loss, saturated_share; NaN without an actor step.
+type Rows = Vec<[f64; 5]>;
+
+fn layers(places: Vec<Place>) -> Vec<Layer> {
+    places.into_iter().map(|(inputs, outputs, weight, bias)| Layer { inputs, outputs, weight, bias }).collect()
+}
+
+/// The Python exception of a refusal: ValueError for sizes, ArithmeticError for NaN and infinity.
+fn stopped(error: Error) -> PyErr {
+    match error {
+        Error::Size { .. } => PyValueError::new_err(error.to_string()),
+        _ => PyArithmeticError::new_err(error.to_string()),
+    }
+}
+
+/// Refuses vectors of which two share memory, which numpy's borrows do not see where their owners differ.
+fn refuse_overlap<T: Element>(arrays: &[&Bound<'_, PyArray1<T>>]) -> PyResult<()> {
+    let mut ranges: Vec<_> = arrays.iter().map(|a| (a.data() as usize, a.len() * size_of::<T>())).collect();
+    ranges.sort_unstable();
+    if ranges.windows(2).any(|pair| pair[0].0 + pair[0].1 > pair[1].0) {
+        return Err(PyValueError::new_err(
+            "actor, critic: expected vectors apart from each other, got some that overlap",
+        ));
+    }
+    Ok(())
+}
+
+fn borrowed<'py, T: Element>(arrays: &Vectors<'py, T>) -> PyResult<Vec<PyReadwriteArray1<'py, T>>> {
+    let borrow = |array: &Bound<'py, PyArray1<T>>| array.try_readwrite();
+    arrays.iter().map(borrow).collect::<Result<_, _>>().map_err(|e| PyValueError::new_err(format!("vectors: {e}")))
+}
+
+fn trained<'a, T: Element>(
+    borrowed: &'a mut [PyReadwriteArray1<'_, T>],
+    rate: f64,
+    steps: u64,
+) -> PyResult<Trained<'a, T>> {
+    let mut slices = borrowed.iter_mut().map(|array| array.as_slice_mut().map_err(PyErr::from));
+    let mut next = || slices.next().unwrap_or_else(|| Err(PyValueError::new_err("vectors: expected 4")));
+    let (parameters, targets, first, second) = (next()?, next()?, next()?, next()?);
+    Ok(Trained { parameters, targets, moments: Moments { first, second }, rate, steps })
+}
+
+fn update<T: Real + Element>(
+    py: Python<'_>,
+    core: &mut navlearn::Learner<T>,
+    [actor, critic]: [&Bound<'_, PyAny>; 2],
+    rates: [f64; 2],
+    steps: [u64; 2],
+    draws: Draws<'_>,
+) -> PyResult<Rows> {
+    let (actor, critic): (Vectors<'_, T>, Vectors<'_, T>) = (actor.extract()?, critic.extract()?);
+    refuse_overlap(&actor.iter().chain(&critic).collect::<Vec<_>>())?;
+    let (mut actor, mut critic) = (borrowed(&actor)?, borrowed(&critic)?);
+    let mut actor = trained(&mut actor, rates[0], steps[0])?;
+    let mut critic = trained(&mut critic, rates[1], steps[1])?;
+    let records = py.detach(|| core.update(&mut actor, &mut critic, draws)).map_err(stopped)?;
+    let row = |Record { critic_loss, average_q, maximum_q, actor }: Record| {
+        let [actor_loss, saturated_share] = actor.unwrap_or([f64::NAN; 2]);
+        [critic_loss, average_q, maximum_q, actor_loss, saturated_share]
+    };
+    Ok(records.into_iter().map(row).collect())
+}
+
+fn act<'py, T: Real + Element>(
+    py: Python<'py>,
+    core: &mut navlearn::Learner<T>,
+    actor: &Bound<'py, PyAny>,
+    observations: &PyReadonlyArray2<'py, f32>,
+) -> PyResult<Bound<'py, PyArray2<f32>>> {
+    let actor: PyReadonlyArray1<'py, T> = actor.extract()?;
+    let (parameters, rows) = (actor.as_slice()?, observations.as_slice()?);
+    let actions = PyArray2::zeros(py, [observations.shape()[0], ACTIONS], false);
+    let mut borrowed = actions.readwrite();
+    let result = borrowed.as_slice_mut()?;
+    py.detach(|| core.acting().act(parameters, rows, result)).map_err(stopped)?;
+    drop(borrowed);
+    Ok(actions)
+}
+
+#[pymethods]
+impl Learner {
+    #[new]
+    #[pyo3(signature = (*, double, actor, critic, action_weight, critics, batch, sizes, policy_delay, tau,
+        pretanh_penalty, bounds, frozen_combined, mirror))]
+    #[expect(clippy::too_many_arguments, reason = "keywords, each a setting of the core")]
+    fn new(
+        double: bool,
+        actor: Vec<Place>,
+        critic: Vec<Place>,
+        action_weight: usize,
+        critics: usize,
+        batch: usize,
+        sizes: [usize; 2],
+        policy_delay: u64,
+        tau: f64,
+        pretanh_penalty: f64,
+        bounds: [f64; 2],
+        frozen_combined: bool,
+        mirror: Option<(Vec<usize>, Vec<f32>)>,
+    ) -> PyResult<Self> {
+        let (actor, critic) = (layers(actor), layers(critic));
+        let mirror = mirror.map(|(permutation, signs)| Mirror { permutation, signs });
+        let settings = Settings {
+            actor,
+            critic,
+            action_weight,
+            critics,
+            batch,
+            sizes,
+            policy_delay,
+            tau,
+            pretanh_penalty,
+            bounds,
+            frozen_combined,
+            mirror,
+        };
+        let isa = navlearn::kernels::Isa::current().map_err(refusal)?;
+        let core = if double {
+            Core::Double(navlearn::Learner::new(settings, isa).map_err(stopped)?)
+        } else {
+            Core::Single(navlearn::Learner::new(settings, isa).map_err(stopped)?)
+        };
+        Ok(Self { core })
+    }
+
+    #[pyo3(signature = (*, actor, critic, rates, steps, replay, indices, mirrored, noise))]
+    #[expect(clippy::too_many_arguments, reason = "keywords, each an array of the caller")]
+    fn update(
+        &mut self,
+        py: Python<'_>,
+        actor: &Bound<'_, PyAny>,
+        critic: &Bound<'_, PyAny>,
+        rates: [f64; 2],
+        steps: [u64; 2],
+        replay: PyReadonlyArray2<'_, f32>,
+        indices: PyReadonlyArray1<'_, i64>,
+        mirrored: PyReadonlyArray1<'_, bool>,
+        noise: PyReadonlyArray1<'_, f32>,
+    ) -> PyResult<Rows> {
+        let draws = Draws {
+            replay: replay.as_slice()?,
+            width: replay.shape()[1],
+            indices: indices.as_slice()?,
+            mirrored: mirrored.as_slice()?,
+            noise: noise.as_slice()?,
+        };
+        let networks = [actor, critic];
+        match &mut self.core {
+            Core::Single(core) => update(py, core, networks, rates, steps, draws),
+            Core::Double(core) => update(py, core, networks, rates, steps, draws),
+        }
+    }
+    #[pyo3(signature = (*, actor, observations))]
+    fn act<'py>(
+        &mut self,
+        py: Python<'py>,
+        actor: &Bound<'py, PyAny>,
+        observations: PyReadonlyArray2<'py, f32>,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        match &mut self.core {
+            Core::Single(core) => act(py, core, actor, &observations),
+            Core::Double(core) => act(py, core, actor, &observations),
+        }
+    }
+}
