@@ -49,6 +49,8 @@ class DwaConfig:
     """Added to the robot's radius (m)."""
     reaction: Annotated[float, Field(ge=0, le=10), Search(0.1, 0.6)] = 0.4106
     """Time (s) that a command acts before the robot can brake."""
+    interval: Annotated[float, Field(ge=1e-3, le=10), Search(0.1, 0.8)] = 0.4
+    """Time (s) in which the speeds of the window can be reached; without acceleration limits all are at once."""
     v_samples: Annotated[int, Field(ge=2, le=1001)] = 11
     """Forward speeds that are tried, from the window's smallest to its largest."""
     omega_samples: Annotated[int, Field(ge=2, le=1001)] = 21
@@ -137,7 +139,7 @@ class PursuitConfig:
     Set by hand: without a planner's path there is nothing to tune it on.
     """
 
-    lookahead: Annotated[float, _Distance] = 0.5
+    lookahead: Annotated[float, _Distance] = 0.35
     """Distance (m) of the point of the path that is pursued."""
     turn_in_place: Annotated[float, Field(ge=0, le=3.2)] = 0.8
     """A larger angle to that point is turned away in place (rad)."""
@@ -150,9 +152,9 @@ class PursuitConfig:
     v_min: Annotated[float, Field(ge=0, le=100)] = 0.05
     """Slowest forward speed (m/s) while it slows."""
     stop_time: Annotated[float, Field(ge=0, le=60)] = 0.2
-    """The robot stops unless the free way along its arc lasts so long (s) at its speed."""
+    """The robot slows so that it could still stop on the free way along its arc, a period and this time (s) later."""
     margin: Annotated[float, Field(ge=0, le=10)] = 0.02
-    """Added to the robot's radius (m)."""
+    """Added to the robot's radius (m); half of the clearance where that is less."""
 
 
 @one_line
