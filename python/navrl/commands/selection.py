@@ -1,6 +1,7 @@
 """The robot, the world and the scenarios that a command's options ask for."""
 
 from argparse import Namespace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,8 @@ from navrl.config.files import load_config, load_sim
 from navrl.errors import UserError
 
 if TYPE_CHECKING:
-    from navrl.config import SimConfig
+    from navrl.comparing.contenders import Entry
+    from navrl.config import Config, SimConfig
     from navrl.policy_description import PolicyDescription
     from navrl.scenarios import ScenarioList
 
@@ -29,6 +31,28 @@ def simulator(options: Namespace, policy: str, description: "PolicyDescription")
     return description.sim_config(load_sim(given_settings(options, "world", "boxes")).world)
 
 
+def contest(options: Namespace, names: Sequence[str]) -> "tuple[Config, SimConfig, list[Entry]]":
+    """Settings, the robot that all drive, and the contenders, at the level that was asked for.
+
+    The robot is as configured, and if nothing is, that of the first policy, as `navrl eval` has it.
+    """
+    check_boxes(options)
+    settings = given_settings(options, "world", "boxes")
+    config = load_config(options.config, robot=options.robot, level=options.level, options=settings)
+
+    from navrl.comparing.contenders import enter
+    from navrl.config.levels import at_level
+
+    entries = [enter(name) for name in names]
+    sim = config.sim
+    first = next((entry for entry in entries if entry.policy is not None), None)
+    if first is not None and first.policy is not None and not (options.config or options.robot or options.settings):
+        sim = simulator(options, first.name.removesuffix(f"+{first.planner}"), first.policy.description)
+    for entry in entries:
+        entry.check(sim, options.level)
+    return config, at_level(sim, options.level), entries
+
+
 def place(options: Namespace, sim: "SimConfig") -> str:
     """World or file as typed."""
     return str(options.scenarios or options.world or sim.world.name)
@@ -41,9 +65,10 @@ def scenario_list(
     from navrl.scenarios import load_list, read_list
 
     if options.scenarios is None:
+        if options.skip_invalid:
+            raise UserError(f"{options.command}: --skip-invalid goes with --scenarios only")
         return load_list(sim, options.list or "test", count=count, num_threads=num_threads, lengths=lengths)
     if options.list is not None:
         raise UserError(f"--list {options.list}: goes with a world, not with --scenarios")
-    skip = getattr(options, "skip_invalid", False)
-    given = read_list(options.scenarios, sim, skip_invalid=skip, num_threads=num_threads)
+    given = read_list(options.scenarios, sim, skip_invalid=options.skip_invalid, num_threads=num_threads)
     return given if count is None else given.first(count)

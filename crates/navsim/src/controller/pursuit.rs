@@ -44,14 +44,16 @@ impl Pursuit {
         limits.period + self.config.stop_time as f32
     }
 
-    /// Way (m) that is free along the arc, as far as it matters. The margin gives way to what stands nearer: a robot
-    /// beside an obstacle drives off, and one that comes to a narrow place of its path goes through.
+    /// Way (m) that is free along the arc, as far as it matters. A robot that is within the margin of an obstacle already
+    /// drives on where its arc passes everything at half of the clearance that it has, as one that starts beside a wall.
     fn free_way(&mut self, limits: &Limits, sight: &Sight, curvature: f32) -> f32 {
         let square = sight.scene.points().fold(f32::INFINITY, |least: f32, [x, y]| least.min(x * x + y * y));
         let clearance = (libm::sqrtf(square) - limits.radius).max(0.0);
-        let margin = (self.config.margin as f32).min(0.5 * clearance);
-        let reach = limits.stopping_way(limits.v_max, self.reaction(limits));
-        self.arcs.prepare(sight.scene, limits.radius + margin, reach);
-        self.arcs.free_way(curvature)
+        let margin = self.config.margin as f32;
+        let is_within = clearance < margin;
+        let kept = limits.radius + if is_within { 0.5 * clearance } else { margin };
+        self.arcs.prepare(sight.scene, kept, limits.stopping_way(limits.v_max, self.reaction(limits)));
+        let way = self.arcs.free_way(curvature);
+        if is_within && way.is_finite() { 0.0 } else { way }
     }
 }
