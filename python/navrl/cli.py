@@ -281,6 +281,7 @@ def _add_config(commands: Any) -> None:  # noqa: ANN401 - argparse hides the typ
     show.add_argument("file", metavar="FILE", nargs="?", help="TOML file")
     show.add_argument("--preset", metavar="P", help="fast (default) or paper")
     show.add_argument("--robot", metavar="R", help="turtlebot3_burger or turtlebot3_waffle")
+    _add_level(show)
     check = actions.add_parser("check", help="say whether FILE is a valid configuration")
     check.set_defaults(command="config check", run="config:check", takes_settings=False)
     check.add_argument("file", metavar="FILE", help="TOML file")

@@ -22,9 +22,16 @@ def check_boxes(options: Namespace) -> None:
         raise UserError(f"--boxes {options.boxes}: goes with --world boxes")
 
 
+def check_place(options: Namespace) -> None:
+    """Refuses what goes with another world, or with a file of scenarios."""
+    check_boxes(options)
+    if options.skip_invalid and options.scenarios is None:
+        raise UserError(f"{options.command}: --skip-invalid goes with --scenarios only")
+
+
 def simulator(options: Namespace, policy: str, description: "PolicyDescription") -> "SimConfig":
     """The policy's robot in the world that was asked for: without one in that of the run, or in td3."""
-    check_boxes(options)
+    check_place(options)
     run = Path(policy) / "config.toml"
     if options.world is None and run.is_file():
         return description.sim_config(load_config(file=run).sim.world)
@@ -36,7 +43,7 @@ def contest(options: Namespace, names: Sequence[str]) -> "tuple[Config, SimConfi
 
     The robot is as configured, and if nothing is, that of the first policy, as `navrl eval` has it.
     """
-    check_boxes(options)
+    check_place(options)
     settings = given_settings(options, "world", "boxes")
     config = load_config(options.config, robot=options.robot, level=options.level, options=settings)
 
@@ -65,8 +72,6 @@ def scenario_list(
     from navrl.scenarios import load_list, read_list
 
     if options.scenarios is None:
-        if options.skip_invalid:
-            raise UserError(f"{options.command}: --skip-invalid goes with --scenarios only")
         return load_list(sim, options.list or "test", count=count, num_threads=num_threads, lengths=lengths)
     if options.list is not None:
         raise UserError(f"--list {options.list}: goes with a world, not with --scenarios")

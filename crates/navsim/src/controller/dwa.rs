@@ -58,10 +58,12 @@ impl Dwa {
         Self { config: config.clone(), arcs: Arcs::default() }
     }
 
-    /// The best admissible command, which the robot drives as far as it can in a period; if none is, the slowest one with the longest free way.
+    /// The best admissible command, of which a period drives what the limits allow; if none is, the slowest one with the
+    /// longest free way.
     pub fn command(&mut self, limits: &Limits, sight: &Sight) -> [f32; 2] {
         let DwaConfig { v_samples, omega_samples, .. } = self.config;
-        let Window { v: [v_low, v_high], omega: [omega_low, omega_high] } = Window::new(limits, sight.velocity, self.config.interval as f32);
+        let Window { v: [v_low, v_high], omega: [omega_low, omega_high] } =
+            Window::new(limits, sight.velocity, self.config.interval as f32);
         // What lies beyond the goal does not matter.
         let reach = (self.config.clearance_max as f32).min(sight.goal_distance).max(1e-3);
         let reaction = self.config.reaction as f32;
