@@ -223,7 +223,7 @@ def test_a_controller_for_another_robot_is_refused(drawn: ScenarioList, tmp_path
 def test_classical_settings_are_those_of_the_level(drawn: ScenarioList, tmp_path: Path) -> None:
     ideal, real = (load_config(level=level) for level in LEVELS)
     assert (ideal.controllers, ideal.planner) == (ControllersConfig(), PlannerConfig())
-    for key in ("dwa", "gap", "apf", "mppi"):
+    for key in ("dwa", "gap", "apf"):
         assert getattr(real, key) != getattr(ideal, key)
     given = {"controllers": real.controllers, "planner": real.planner}
     shipped = compare(["dwa+rrt"], drawn, SIM, tmp_path / "a", level="real")
