@@ -107,8 +107,8 @@ class MppiConfig:
     """Model predictive path integral control `mppi` (Williams and others 2017).
 
     Found by `navrl tune mppi --world boxes --boxes 16 --trials 13 --episodes 100`: trial 4, seed 0. It began with
-    a step of 0.15 s, temperature 0.3, noise 0.4 and 1, goal 5, obstacle 2, inflation 0.2 and margin 0.03, set by hand. At
-    the level real none of 9 more trials of 60 scenarios was better.
+    a step of 0.15 s, temperature 0.3, noise 0.4 and 1, goal 5, obstacle 2, inflation 0.2 and margin 0.03, set by hand.
+    At the level real none of 9 more trials of 60 scenarios was better.
     """
 
     samples: Annotated[int, Field(ge=1, le=65536)] = 1000
