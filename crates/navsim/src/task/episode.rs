@@ -19,7 +19,7 @@ const NUMBER_MAX: f64 = 1e12;
 
 /// Where episodes come from.
 #[derive(Debug, Clone)]
-pub enum Source {
+enum Source {
     /// Every episode of every robot draws a new scenario.
     Generator(Box<Generator>),
     /// Robot k runs scenario k, again at each reset.
