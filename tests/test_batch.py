@@ -195,13 +195,34 @@ def test_every_byte_of_a_mask_but_0_is_true() -> None:
     assert sim.episodes.tolist() == [1, 2, 2, 2, 2, 2]
 
 
-@pytest.mark.parametrize("number", ["1e308", "-1e13", "1e400"])
-def test_a_state_with_impossible_numbers_is_refused(number: str) -> None:
-    sim = BatchSim(num_envs=2)
+@pytest.mark.parametrize(
+    ("place", "number", "named"),
+    [
+        ('"pose":{"x":', "1e308", "pose"),
+        ('"pose":{"x":', "-1e13", "pose"),
+        ('"pose":{"x":', "1e400", "number out of range"),
+        ('"start":{"x":', "1e13", "start"),
+        ('"velocity":[', "1e13", "velocity"),
+        ('"goal":[', "-1e13", "goal"),
+        ('"goal_radius":', "-1.0", "goal_radius"),
+        ('"goal_distance":', "-1.0", "goal_distance"),
+        ('"measured":', "-0.1", "clearance"),
+        ('"driven":', "-1e9", "clearance"),
+        ('"path":', "1e13", "statistics"),
+        ('"paper_return":', "1e13", "paper_return"),
+        ('"waiting":[[', "1e13", "waiting"),
+        ('"waiting":[', "[0.0,0.0],[0.0", "waiting"),
+        ('"scales":[', "1e300", "odometry"),
+        ('"odometry":', "null", "odometry"),
+    ],
+)
+def test_a_state_with_impossible_numbers_is_refused(place: str, number: str, named: str) -> None:
+    sim = BatchSim(SimConfig(robot=RobotConfig(delay_steps=1, odometry_noise=0.1)), num_envs=2)
     state = sim.state()
-    edited = re.sub(rb'"pose":\{"x":[^,]*', f'"pose":{{"x":{number}'.encode(), state, count=1)
+    old = r"\{.*?\]\}" if number == "null" else r"[^\],}]*"
+    edited = re.sub((re.escape(place) + old).encode(), (place + number).encode(), state, count=1)
     assert edited != state
-    with pytest.raises(ValueError, match=r"simulator state: .*(pose|number out of range)"):
+    with pytest.raises(ValueError, match=rf"simulator state: .*{named}"):
         sim.restore(edited)
     assert sim.state() == state
 

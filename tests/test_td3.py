@@ -11,12 +11,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from navrl.config import Config, LearnerConfig, NetworksConfig, RewardConfig, RobotConfig, TaskConfig
+from navrl.batch import BatchSim
+from navrl.config import Config, LearnerConfig, NetworksConfig, RewardConfig, RobotConfig, SimConfig, TaskConfig
+from navrl.delayed_reward import delayed_reward
 from navrl.encoding import encoded_size
 from navrl.networks import mirror_actions, mirror_encoded
 from navrl.replay import NonFiniteError, Replay, row_width
 from navrl.streams import stream
-from navrl.target_bounds import target_bounds
+from navrl.target_bounds import most_steps, target_bounds
 from navrl.td3 import BLOCK, TD3, flushed_denormals
 from plain_td3 import BINS, SEED, PlainActor, PlainCritic, PlainTD3, made_up_replay, small_config, small_learner
 
@@ -366,7 +368,8 @@ def test_target_bounds_of_the_paper_by_hand() -> None:
     paper = RewardConfig(goal=100.0, collision=-100.0, progress=0.0)
     learner = LearnerConfig(gamma=0.0, n_step=1, delayed_steps=10, reward_scale=1.0)
     shares = 100.0 * sum(1.0 / i for i in range(1, 11))
-    assert target_bounds(Config(reward=paper, learner=learner)) == pytest.approx((-100.0, 100.0 + shares))
+    # Only the next step counts: the last one before the goal has its motion and all of the goal's reward.
+    assert target_bounds(Config(reward=paper, learner=learner)) == pytest.approx((-100.0, 100.0 + 0.5))
     far = replace(learner, gamma=1.0 - 1e-9)
     bounds = (-499 * 1.5 - 100.0, 499 * 0.5 + 100.0 + shares)
     assert target_bounds(Config(reward=paper, learner=far)) == pytest.approx(bounds, rel=1e-5)
@@ -380,19 +383,34 @@ def test_target_bounds_of_the_paper_by_hand() -> None:
     assert target_bounds(config) == pytest.approx(bounds, rel=1e-5)
 
 
-def test_target_bounds_hold_for_discounted_episodes() -> None:
-    """Extremes at any length, found by trying all of them."""
+@pytest.mark.parametrize("delayed", [0, 4, 100])
+def test_target_bounds_hold_for_discounted_episodes(delayed: int) -> None:
+    """Extremes at any length, found by trying all of them, reward by reward."""
     config = Config(
         robot=RobotConfig(v_max=1.5, omega_max=0.7),
         task=TaskConfig(time_limit=3.0, period=0.1),
         reward=RewardConfig(goal=5.0, collision=-2.0, progress=4.0),
-        learner=LearnerConfig(gamma=0.9, reward_scale=2.0),
+        learner=LearnerConfig(gamma=0.9, reward_scale=2.0, delayed_steps=delayed),
     )
     best, worst = 1.5 + 4.0 * 0.15, -0.7 - 0.5 - 4.0 * 0.15
 
-    def returns(step: float, end: float) -> list[float]:
-        ended = [sum(0.9**k * step for k in range(n)) + 0.9**n * end for n in range(30)]
+    def returns(step: float, end: float, shared: float) -> list[float]:
+        ended = []
+        for n in range(30):
+            rewards = [*(step + shared * delayed_reward(n - k, 5.0, delayed) for k in range(n)), end]
+            ended.append(sum(0.9**k * reward for k, reward in enumerate(rewards)))
         return [*ended, sum(0.9**k * step for k in range(30))]
 
-    expected = (2.0 * min(returns(worst, -2.0 - 0.6)), 2.0 * max(returns(best, 5.0 + 0.6)))
+    expected = (2.0 * min(returns(worst, -2.0 - 0.6, 0.0)), 2.0 * max(returns(best, 5.0 + 0.6, 1.0)))
     assert target_bounds(config) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("time_limit", "steps"), [(0.05, 1), (0.1, 1), (0.25, 3), (0.34, 3), (0.35, 4)])
+def test_most_steps_are_those_of_the_simulator(time_limit: float, steps: int) -> None:
+    task = TaskConfig(time_limit=time_limit, period=0.1)
+    sim = BatchSim(SimConfig(task=task), num_envs=1, autoreset=False)
+    made = 0
+    while not sim.truncated[0]:
+        sim.step(np.array([[-1.0, 0.0]], np.float32))
+        made += 1
+    assert most_steps(task) == made == steps

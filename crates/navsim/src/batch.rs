@@ -184,8 +184,8 @@ impl BatchSim {
     /// Continues bit for bit where `state` was taken, from a simulator made with the same arguments.
     ///
     /// # Errors
-    /// Bytes that are no state or hold impossible numbers, the state of another number of robots or bins, or a process forked from the one that
-    /// made this simulator: nothing has changed then.
+    /// Bytes that are no state or hold impossible numbers, the state of another number of robots or bins, or a process
+    /// forked from the one that made this simulator: nothing has changed then.
     pub fn restore(&mut self, state: &[u8]) -> Result<()> {
         self.check_process()?;
         let state: State = serde_json::from_slice(state).map_err(|e| Error::Parse(format!("simulator state: {e}")))?;
@@ -197,7 +197,7 @@ impl BatchSim {
         }
         expect_length("simulator state", self.num_envs(), state.episodes.len())?;
         self.results.check_same_shape(&state.results)?;
-        state.episodes.iter().try_for_each(Episode::validate)?;
+        state.episodes.iter().try_for_each(|episode| self.task.check(episode))?;
         self.results.copy_from(&state.results);
         self.episodes = state.episodes;
         self.episodes.iter_mut().for_each(Episode::prepare_moved);

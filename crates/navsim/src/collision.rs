@@ -16,13 +16,14 @@ const ADVANCE_MIN: f32 = 5e-5;
 /// More than clearances and travels may err by rounding, m.
 const ROUNDING: f32 = 0.01;
 
-/// What is known of the distance between the footprint and the nearest obstacle. It is measured only when it can matter.
+/// What is known of the distance between the footprint and the nearest obstacle. It is measured only when it can matter:
+/// what follows from an older measurement lies within `at_least` and `at_most`, but for rounding.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Clearance {
     /// Clearance where it was measured last, m.
     pub measured: f32,
-    /// No point of the footprint has moved farther than this since, m.
-    pub driven: f32,
+    /// No point of the footprint has moved farther than this since, m: the sum of many steps, in double precision.
+    pub driven: f64,
 }
 
 impl Clearance {
@@ -31,18 +32,18 @@ impl Clearance {
         Self { measured, driven: 0.0 }
     }
 
-    /// The clearance is not less than this, m, but for rounding.
+    /// The clearance is not less than this, m.
     pub fn at_least(&self) -> f32 {
-        self.measured - self.driven
+        (f64::from(self.measured) - self.driven) as f32
     }
 
-    /// The clearance is not more than this, m, but for rounding.
-    fn at_most(&self) -> f32 {
-        self.measured + self.driven
+    /// The clearance is not more than this, m.
+    pub fn at_most(&self) -> f32 {
+        (f64::from(self.measured) + self.driven) as f32
     }
 
     fn after(&self, travel: f64) -> Self {
-        Self { driven: self.driven + travel as f32, ..*self }
+        Self { driven: self.driven + travel, ..*self }
     }
 }
 
@@ -79,7 +80,7 @@ pub fn measure(footprint: &Footprint, pose: &Pose, obstacles: [&Obstacles; 2], k
 }
 
 /// Moves `footprint` along `arc` for `period` seconds or until it touches, from a pose whose clearance is known as
-/// `at_start`. The clearance at the end is measured unless it is certainly more than `needed` (m).
+/// `at_start`. The clearance at the end is not measured if it is certainly more than `enough` (m, >= 0).
 ///
 /// Conservative advancement: no point of the footprint moves farther than |v| + reach |omega| per second, so from a
 /// clearance c it is safe to go on for c / speed. A contact is reported if the clearance along the exact arc falls under
@@ -90,17 +91,18 @@ pub fn sweep(
     period: f64,
     obstacles: [&Obstacles; 2],
     at_start: Clearance,
-    needed: f32,
+    enough: f32,
 ) -> Sweep {
     let speed = arc.v.abs() + footprint.turning_reach() * arc.omega.abs();
     let after = at_start.after(speed * period);
-    if after.at_least() > needed + ROUNDING {
+    if after.at_least() > enough + ROUNDING {
         return Sweep { pose: arc.at(period), time: period, clearance: after, contact: false };
     }
     let measure = |pose: &Pose, known: Clearance| measure(footprint, pose, obstacles, &known);
     let safe_time = |gap: f32| f64::from(gap.max(ADVANCE_MIN)) / speed.max(f64::MIN_POSITIVE);
     let mut gap = at_start;
-    if gap.driven > 0.0 && safe_time(gap.at_least() - ROUNDING) < period {
+    let certain = gap.at_least() - ROUNDING;
+    if gap.driven > 0.0 && (certain <= 0.0 || safe_time(certain) < period) {
         gap = Clearance::exactly(measure(&arc.start, gap));
     }
     let mut time = 0.0;

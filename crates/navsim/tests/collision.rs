@@ -5,7 +5,7 @@
 //! out only intervals whose clearance is proven. NAVRL_FULL=1 makes a million moves.
 #![allow(clippy::unwrap_used)]
 
-use navsim::collision::{Clearance, Sweep, clearance, sweep};
+use navsim::collision::{Clearance, Sweep, clearance, measure, sweep};
 use navsim::pose::Pose;
 use navsim::rng::{Purpose, Split, Stream, StreamName};
 use navsim::robot::{Arc, Footprint};
@@ -241,4 +241,54 @@ fn the_sweep_meets_what_parrys_nonlinear_cast_meets() {
         agreed += u32::from(time == hit || (time - hit).abs() < 0.01 * PERIOD);
     }
     assert!(agreed >= 950, "{agreed} of 1000");
+}
+
+/// A long way in which most clearances are not measured, beside one where all of them are.
+#[test]
+fn what_is_not_measured_is_certain() {
+    let mut random = Stream::new(StreamName::new(12, Purpose::World, Split::Given, 0, 0));
+    let mut measured = 0;
+    for way in 0..20 {
+        // Boxes along a corridor of 1 km, one of them as far away as clearances are followed.
+        let place = |random: &mut Stream| [random.uniform(-500.0, 500.0), random.uniform(-60.0, 60.0)];
+        let shapes: Vec<Shape> = (0..if way % 2 == 0 { 1 } else { 40 })
+            .map(|_| Shape::Box { center: place(&mut random), yaw: random.uniform(-3.0, 3.0), length: 2.0, width: 1.0 })
+            .collect();
+        let obstacles = [&Obstacles::new(&shapes), &Obstacles::default()];
+        let footprint = Footprint::Disc { radius: 0.25 };
+        let mut pose = Pose::new(-500.0, 0.0, 0.0);
+        let mut known = Clearance::exactly(clearance(&footprint, &pose, obstacles));
+        let mut smallest = known.measured;
+        while smallest > 0.0 && pose.x < 500.0 {
+            let arc =
+                Arc { start: pose, v: random.uniform(0.0, 2.0), omega: random.uniform(-0.2, 0.2) - 0.5 * pose.yaw };
+            let now = Clearance::exactly(measure(&footprint, &pose, obstacles, &known));
+            let always = sweep(&footprint, &arc, PERIOD, obstacles, now, f32::INFINITY);
+            let seldom = sweep(&footprint, &arc, PERIOD, obstacles, known, smallest);
+            assert_eq!((seldom.pose, seldom.time, seldom.contact), (always.pose, always.time, always.contact));
+            let exact = always.clearance.measured;
+            assert!(seldom.clearance.at_least() <= exact + 1e-3 && exact <= seldom.clearance.at_most() + 1e-3);
+            measured += usize::from(seldom.clearance.driven == 0.0);
+            let before = smallest.min(seldom.clearance.measured);
+            smallest = smallest.min(exact);
+            assert_eq!(before, smallest);
+            (pose, known) = (seldom.pose, seldom.clearance);
+            if seldom.contact {
+                break;
+            }
+        }
+    }
+    assert!(measured > 0);
+}
+
+/// Nothing is in contact that is only not known to be free.
+#[test]
+fn a_bound_of_zero_is_measured() {
+    let wall = Obstacles::new(&[Shape::Segment { a: [2.0, -1.0], b: [2.0, 1.0] }]);
+    let known = Clearance { measured: 1.0, driven: 1.0 };
+    for v in [0.0, 1e-6, 0.5] {
+        let arc = Arc { start: Pose::new(1.0, 0.0, 0.0), v, omega: 0.0 };
+        let end = sweep(&Footprint::Disc { radius: 0.25 }, &arc, PERIOD, [&wall, &Obstacles::default()], known, 0.1);
+        assert!(!end.contact && end.time == PERIOD, "{v}: {end:?}");
+    }
 }

@@ -39,9 +39,10 @@ const CHUNK: usize = 8;
 const RAMP: [u16; CHUNK] = [0, 1, 2, 3, 4, 5, 6, 7];
 
 impl Draws {
-    /// A list long enough for sixteen lanes over `blocks` blocks of beams, at most 256.
+    /// A list long enough for sixteen lanes over `blocks` blocks of beams, at most 256. The two runs of a lane may share a
+    /// block at each end.
     pub fn new(blocks: usize) -> Self {
-        Self { pairs: vec![0; BLOCK * (blocks + 1) + CHUNK] }
+        Self { pairs: vec![0; BLOCK * (blocks + 2) + CHUNK] }
     }
 
     /// The pairs of the first `lanes` lanes: see `lane_and_block`.
@@ -84,4 +85,32 @@ impl Draws {
 #[inline(always)]
 pub(super) fn lane_and_block(pair: u16) -> (usize, usize) {
     (usize::from(pair >> 8) % BLOCK, usize::from(pair & 0xff))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::fan::Fan;
+    use super::*;
+    use crate::config::{LidarConfig, SimConfig};
+
+    #[test]
+    fn sixteen_lanes_all_round_find_room() {
+        let lidar = SimConfig::from_json(include_str!("../../tests/defaults.json")).expect("valid").lidar;
+        for beams in [1, 16, 180, 4096] {
+            let fan = Fan::new(&LidarConfig { beams, fov: 2.0 * std::f64::consts::PI, ..lidar });
+            let blocks = fan.directions.len();
+            let mut most = 0;
+            for beam in 0..beams {
+                let right = beam as f32 + 0.5;
+                // As far round as rounding can take an edge that is seen edge-on.
+                let runs = fan.between(right, f32::from_bits(right.to_bits() - 1));
+                let mut all = LaneRuns::default();
+                (0..BLOCK).for_each(|lane| all.set(lane, runs, true));
+                let len = Draws::new(blocks).list(&all, BLOCK).len();
+                assert_eq!(len, BLOCK * (runs.count[0] + runs.count[1]) as usize);
+                most = most.max(len);
+            }
+            assert!(most <= BLOCK * (blocks + 2), "{beams}: {most}");
+        }
+    }
 }

@@ -6,13 +6,14 @@ use super::reward::{Step, paper_reward, reward};
 use super::{EXTRA, Outcome};
 use crate::collision::{CONTACT, Clearance, clearance, measure, sweep};
 use crate::config::{CollisionRule, SimConfig, max_steps};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, expect_length};
 use crate::lidar::{Lidar, NoiseName, ScanBuffer, Surroundings};
 use crate::pose::{Pose, distance};
 use crate::rng::{Purpose, Split, Stream, StreamName};
 use crate::robot::{Arc, Footprint, command, limit_acceleration};
 use crate::world::{Generator, Layout, Obstacles, Scenario, Shape};
 use serde::{Deserialize, Serialize};
+use std::ops::RangeInclusive;
 
 /// More than any number of an episode comes to, and little enough for single precision to square it.
 const NUMBER_MAX: f64 = 1e12;
@@ -286,6 +287,19 @@ impl Task {
         self.lidar.scan(&around, &noise, &mut workspace.scan)
     }
 
+    /// Refuses an episode that this task could not have come to, such as one of a state that was edited.
+    ///
+    /// # Errors
+    /// `Error::Parse`, with the name of what is wrong; `Error::Shape`.
+    pub fn check(&self, episode: &Episode) -> Result<()> {
+        let robot = &self.config.robot;
+        expect_length("simulator state: waiting", robot.delay_steps, episode.waiting.len())?;
+        if episode.odometry.is_some() != (robot.odometry_noise > 0.0) {
+            return Err(Error::Parse("simulator state: odometry: expected with robot.odometry_noise only".into()));
+        }
+        episode.validate()
+    }
+
     /// Distance (m) of the footprint from the nearest obstacle now.
     pub fn clearance(&self, robot: usize, episode: &Episode) -> f32 {
         measure(&self.footprint, &episode.pose, self.obstacles(robot, episode), &episode.clearance)
@@ -338,29 +352,36 @@ impl Episode {
     }
 
     /// Refuses numbers that no episode comes to have, such as those of a state that was edited.
-    ///
-    /// # Errors
-    /// `Error::Parse`, with the name of the number; `Error::Shape`.
-    pub fn validate(&self) -> Result<()> {
-        let Self { pose, start, velocity: [v, omega], goal: [goal_x, goal_y], .. } = *self;
-        let numbers = [
-            ("pose", [pose.x, pose.y, pose.yaw]),
-            ("start", [start.x, start.y, start.yaw]),
-            ("velocity", [v, omega, 0.0]),
-            ("goal", [goal_x, goal_y, self.goal_radius]),
-            (
-                "distance",
-                [self.goal_distance, f64::from(self.clearance.measured), f64::from(self.statistics.clearance)],
-            ),
-            ("clearance", [f64::from(self.clearance.driven), 0.0, 0.0]),
-            ("path", [self.statistics.path, self.statistics.paper_return, 0.0]),
+    fn validate(&self) -> Result<()> {
+        let Self { pose, start, velocity, goal, statistics, .. } = self;
+        let positions = [
+            ("pose", vec![pose.x, pose.y, pose.yaw]),
+            ("start", vec![start.x, start.y, start.yaw]),
+            ("velocity", velocity.to_vec()),
+            ("goal", goal.to_vec()),
+            ("waiting", self.waiting.concat()),
+            ("odometry", self.odometry.map_or(Vec::new(), |odometry| odometry.numbers().to_vec())),
+            ("statistics.paper_return", vec![statistics.paper_return]),
         ];
-        for (name, values) in numbers {
-            if let Some(value) = values.iter().find(|value| value.is_nan() || value.abs() > NUMBER_MAX) {
-                let text = format!("simulator state: {name} = {value}: expected a number within +-{NUMBER_MAX}");
-                return Err(Error::Parse(text));
-            }
-        }
+        let lengths = [
+            ("goal_radius", vec![self.goal_radius]),
+            ("goal_distance", vec![self.goal_distance]),
+            ("clearance", vec![f64::from(self.clearance.measured), self.clearance.driven]),
+            ("statistics", vec![statistics.path, f64::from(statistics.clearance)]),
+        ];
+        let within = |(name, values): (&str, Vec<f64>), range: RangeInclusive<f64>| match values
+            .iter()
+            .find(|value| !range.contains(value))
+        {
+            None => Ok(()),
+            Some(value) => Err(Error::Parse(format!(
+                "simulator state: {name} = {value}: expected a number in [{}, {}]",
+                range.start(),
+                range.end()
+            ))),
+        };
+        positions.into_iter().try_for_each(|numbers| within(numbers, -NUMBER_MAX..=NUMBER_MAX))?;
+        lengths.into_iter().try_for_each(|numbers| within(numbers, 0.0..=NUMBER_MAX))?;
         self.moved.iter().try_for_each(Shape::validate)
     }
 

@@ -24,6 +24,12 @@ impl Odometry {
         Self { pose: start, scales: [0, 1].map(|i| 1.0 + noise * f64::from(normals[i])) }
     }
 
+    /// All its numbers: the pose (m, rad) and the scales.
+    pub fn numbers(&self) -> [f64; 5] {
+        let (pose, [distance, rotation]) = (self.pose, self.scales);
+        [pose.x, pose.y, pose.yaw, distance, rotation]
+    }
+
     /// Adds what was driven: `time` seconds along `arc`.
     pub fn follow(&mut self, arc: &Arc, time: f64) {
         let [distance, rotation] = self.scales;

@@ -1,7 +1,7 @@
 //! Shapes prepared for the questions of a step: how near is the nearest one, and what does a beam meet.
 
 use super::blocks::{BLOCK, Block, Blocks};
-use super::outline::{BOXES, Outline};
+use super::outline::{BOXES, Outline, TREE_FROM};
 use super::shapes::Shape;
 use crate::cpu::prefetch;
 use crate::robot::Footprint;
@@ -13,6 +13,8 @@ use parry2d::shape::{Ball, ConvexPolygon, Cuboid, Segment, Shape as ParryShape};
 
 /// From this many shapes on, a bounding volume hierarchy beats one shape after the other.
 const HIERARCHY_FROM: usize = 32;
+/// A tree reorders the boxes of an outline, but not what is placed: with one, distances need a hierarchy.
+const _: () = assert!(HIERARCHY_FROM <= (TREE_FROM - 1) * BOXES + 1);
 
 /// Solid obstacles and walls, ready for distance queries (parry) and for the scan kernels (outline).
 ///
@@ -208,7 +210,7 @@ impl Obstacles {
     }
 }
 
-/// More than what rounding takes from a bound: this (m), and this part of it.
+/// More than what rounding takes from a bound: this (m), and this part of it and of the distance to it.
 const ROUNDING: f32 = 2e-6;
 
 /// A rectangle that certainly holds `shape`: [x0, y0, x1, y1], m.
@@ -218,14 +220,16 @@ fn bounding_rectangle(shape: &Shape) -> [f32; 4] {
     [x0 - slack(x0), y0 - slack(y0), x1 + slack(x1), y1 + slack(y1)]
 }
 
-/// Distances (m), or less, from eight boxes to a disc of radius `reach` around `point`; negative where they may overlap.
+/// Distances (m), or less, from eight boxes to a disc of radius `reach` around `point`; not positive where they
+/// may overlap.
 fn gaps_to_boxes(Block(boxes): &Block<6, BOXES>, point: Vector, reach: f32) -> [f32; BOXES] {
     let [x, y, along_x, along_y, across_x, across_y] = boxes;
     std::array::from_fn(|i| {
         let (dx, dy) = (point.x - x[i], point.y - y[i]);
         let (along, across) =
             (along_x[i] * along_x[i] + along_y[i] * along_y[i], across_x[i] * across_x[i] + across_y[i] * across_y[i]);
-        (dx * dx + dy * dy).sqrt() - (along + across).sqrt() * (1.0 + ROUNDING) - ROUNDING - reach
+        let radius = (along + across).sqrt() * (1.0 + ROUNDING) + ROUNDING;
+        (dx * dx + dy * dy).sqrt() * (1.0 - ROUNDING) - radius - reach
     })
 }
 
@@ -235,7 +239,7 @@ fn gaps_to_rectangles(Block([x0, y0, x1, y1]): &Block<4, BLOCK>, point: Vector, 
     let outside = |at: f32, low: f32, high: f32| (low - at).max(at - high).max(0.0);
     std::array::from_fn(|i| {
         let (dx, dy) = (outside(point.x, x0[i], x1[i]), outside(point.y, y0[i], y1[i]));
-        (dx * dx + dy * dy).sqrt() - reach
+        (dx * dx + dy * dy).sqrt() * (1.0 - ROUNDING) - reach
     })
 }
 

@@ -5,7 +5,7 @@ use super::shapes::Shape;
 use crate::cpu::prefetch;
 
 /// From this many blocks on, a tree beats one block after the other.
-const TREE_FROM: usize = 8;
+pub(super) const TREE_FROM: usize = 8;
 /// Boxes to a block: of each one the lidar sees at most two faces, which fill a block of edges.
 pub(crate) const BOXES: usize = BLOCK / 2;
 

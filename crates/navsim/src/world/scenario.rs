@@ -13,8 +13,8 @@ const KEYS: [&str; 5] = ["start", "goal", "goal_radius", "time_limit", "shortest
 const START_MARGIN: f64 = 1e-4;
 /// Largest radius of a goal, m.
 const GOAL_RADIUS_MAX: f64 = 100.0;
-/// Longest episode, s.
-const TIME_LIMIT_MAX: f64 = 1e6;
+/// Longest episode, s: as many control periods of the longest kind as a task may have.
+const TIME_LIMIT_MAX: f64 = 1e7;
 
 /// One task for one robot. A scenario without walls is open.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,7 +25,7 @@ pub struct Scenario {
     pub goal: [f64; 2],
     /// The goal is reached below this distance of the robot's centre, m, in (0, 100].
     pub goal_radius: f64,
-    /// Longest episode, s, in (0, 1e6].
+    /// Longest episode, s, in (0, 1e7].
     pub time_limit: f64,
     /// What stands in the way.
     pub shapes: Vec<Shape>,
