@@ -198,7 +198,7 @@ impl<T: Real> Learner<T> {
             return Err(overflow);
         }
         let gradient = &mut self.critic_gradient;
-        let (observations, actions) = (self.batch.observations(), self.batch.actions());
+        let (observations, actions) = (self.batch.observation_rows(), self.batch.actions());
         self.critics.backward(critics.parameters, observations, actions, &self.value_upper, gradient);
         if !all_finite(self.isa, gradient) {
             return Err(overflow);
@@ -237,7 +237,7 @@ impl<T: Real> Learner<T> {
         }
         let value: f64 = self.critics.outputs[..batch].iter().map(|q| q.wide()).sum();
         let gradient = &mut self.actor_gradient;
-        self.actor.backward(actor.parameters, self.batch.observations(), &self.action_upper, gradient);
+        self.actor.backward(actor.parameters, self.batch.observation_rows(), &self.action_upper, gradient);
         if !value.is_finite() || !all_finite(self.isa, &self.action_upper) || !all_finite(self.isa, gradient) {
             return Err(overflow);
         }
