@@ -1,17 +1,15 @@
 """The training loop: act, step, store, update, evaluate, save.
 
 Steps owe updates. One robot with an update phase after each episode makes them before its next step. Many robots with
-interleaved updates step in a thread of their own while the updates are made that the step before owed: they act with
-the networks as these were before, and the updates draw from replay as it was before. The bits do not depend on who is
-faster. Each turn of the loop makes one move, after which the run can be saved; a run that is resumed there, in whatever
-process, makes the same moves to the same bits. `navrl.running.run` holds the parts of a
-run, `navrl.running.session` begins, resumes and ends it.
+interleaved updates step beside the updates that the step before owed (`navrl.running.beside`): they act with the
+networks as these were before, and the updates draw from replay as it was before. Each turn of the loop makes one move,
+after which the run can be saved; a run that is resumed there, in whatever process, makes the same moves to the same
+bits. `navrl.running.run` holds the parts of a run, `navrl.running.session` begins, resumes and ends it.
 """
 
 from __future__ import annotations
 
 import time
-from concurrent.futures import ThreadPoolExecutor, wait
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +19,7 @@ from navrl.machine import cores
 from navrl.metrics import Scores
 from navrl.policy import Policy, Weights, save_policy
 from navrl.replay import NonFiniteError, Transition
+from navrl.running.beside import Beside
 from navrl.running.interrupt import Interruption
 from navrl.running.metrics_log import MetricsLog
 from navrl.running.monitor import Monitor
@@ -35,8 +34,8 @@ UPDATES_PER_MOVE = 8
 class Training:
     """The moves of a run, and where they are shown, logged and interrupted."""
 
-    _robots: ThreadPoolExecutor
-    """The thread in which the robots step."""
+    _beside: Beside
+    """Where the robots step."""
 
     def __init__(self, run: Run, *, log: MetricsLog, monitor: Monitor, interruption: Interruption) -> None:
         """Moves nothing yet.
@@ -57,7 +56,7 @@ class Training:
             NonFiniteError: NaN or infinity.
         """
         self.run.clock.start()
-        with ThreadPoolExecutor(1, "robots") as self._robots:
+        with Beside(self.monitor.line) as self._beside:
             while self._move():
                 pass
 
@@ -94,15 +93,12 @@ class Training:
         # Act
         actions = run.exploration.explore(run.learner.act(run.encoded), run.sim.observations, counts.steps)
         # Step
-        stepping = self._robots.submit(self._drive, actions)
-        try:
-            if counts.owed >= 1.0:
-                self._update()
-        finally:
-            wait([stepping])
+        if counts.owed >= 1.0:
+            rows = self._beside.do(lambda: self._drive(actions), self._update)
+        else:
+            rows = self._drive(actions)
         # Store
-        run.replay.add(stepping.result())
-        counts.steps += run.sim.num_envs
+        run.replay.add(rows)
         # Owe updates
         training, sim = run.config.training, run.sim
         if counts.steps >= run.config.exploration.random_steps and run.replay.size > 0:
@@ -119,6 +115,7 @@ class Training:
         """
         run, sim = self.run, self.run.sim
         run.drive(actions)
+        run.counts.steps += sim.num_envs
         run.exploration.end_episodes(sim.terminated | sim.truncated)
         run.metrics.add_step(sim)
         transition = Transition(
