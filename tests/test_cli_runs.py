@@ -11,9 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from navrl.config import Config
 from navrl.config.files import ROBOTS, load_config
+from navrl.drawing.render import PLANNED
 from navrl.policy import save_policy
 from navrl.policy_description import PolicyDescription
 
@@ -164,6 +166,21 @@ def test_play_draws_pictures_and_films(policy: Path, tmp_path: Path, name: str, 
     done = navrl("play", policy, "--scenarios", tmp_path / "course.jsonl", "--out", tmp_path / name)
     assert done.stdout.startswith(f"{tmp_path / name}: ")
     assert (tmp_path / name).read_bytes().startswith(start)
+
+
+def test_play_draws_any_contender_in_the_episode_that_compare_measures(tmp_path: Path) -> None:
+    common = ["--world", "boxes", "--boxes", 8, "--level", "real", "--gap.margin", 0.03]
+    navrl("compare", "gap", "gap+rrt", *common, "--episodes", 4, "--out", tmp_path / "out")
+    lines = [json.loads(line) for line in (tmp_path / "out/episodes.jsonl").read_text().splitlines()]
+    for name in ("gap", "gap+rrt"):
+        played = navrl("play", name, *common, "--index", 3, "--out", tmp_path / "a.png")
+        assert played.stderr == f"navrl: {name} drives scenario 3 of boxes\n"
+        [line] = [line for line in lines if line["contender"] == name and line["index"] == 3]
+        assert played.stdout == f"{tmp_path / 'a.png'}: {line['outcome']} after {line['time_s']:.1f} s\n"
+        # The planned path is drawn where there is one.
+        colors = np.asarray(Image.open(tmp_path / "a.png").convert("RGB")).reshape(-1, 3).astype(int)
+        amber = (np.abs(colors - PLANNED).max(axis=1) < 8).sum()
+        assert (amber > 100) == (name == "gap+rrt")
 
 
 def test_play_refuses_an_index_beyond_the_list(policy: Path, tmp_path: Path) -> None:

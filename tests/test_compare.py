@@ -7,13 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
 
 from contending import SIM, policy_folder, scenario
 from navrl.cli import main
-from navrl.compare import compare
+from navrl.compare import compare, enter
 from navrl.comparing import plots
 from navrl.config import ControllersConfig, LidarConfig, PlannerConfig, RobotConfig
+from navrl.config.files import load_config
+from navrl.config.levels import LEVELS
 from navrl.controllers import Controller
 from navrl.errors import UserError
 from navrl.evaluate import evaluate
@@ -163,6 +166,70 @@ def test_a_policy_for_another_robot_is_refused_but_for_what_the_level_sets(drawn
     other = str(policy_folder(tmp_path / "beams", replace(SIM, lidar=LidarConfig(beams=360))))
     with pytest.raises(UserError, match=r"beams: lidar\.beams = 180: the policy was trained for 360"):
         compare([other], drawn.first(2), SIM, tmp_path / "out", level="real")
+
+
+# Contenders of one's own
+
+
+def straight(
+    ranges: NDArray[np.float32], goal: NDArray[np.float64], velocity: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """As the built-in one."""
+    return np.stack([np.where(np.abs(goal[:, 1]) < 0.3, 0.5, 0.0), np.clip(2 * goal[:, 1], -1, 1)], axis=1)
+
+
+class Remembering:
+    """The same, as an object that is told which robot it drives."""
+
+    def reset(self) -> None:
+        self.robots: set[int] = set()
+
+    def command(
+        self,
+        ranges: NDArray[np.float32],
+        goal: NDArray[np.float64],
+        velocity: NDArray[np.float64],
+        robots: NDArray[np.intp],
+    ) -> NDArray[np.float64]:
+        self.robots |= set(robots.tolist())
+        return straight(ranges, goal, velocity)
+
+
+def test_functions_and_objects_take_part_under_their_names(drawn: ScenarioList, tmp_path: Path) -> None:
+    mine = [enter("mine", straight), enter("object", Remembering()), enter("mine+astar", straight)]
+    comparison = compare(["straight", "straight+astar", *mine], drawn, SIM, tmp_path / "out")
+    built_in, led, function, remembering, own_led = comparison.records
+    assert function.episodes == remembering.episodes == built_in.episodes
+    assert own_led.episodes == led.episodes != built_in.episodes
+    assert [record.name for record in comparison.records[2:]] == ["mine", "object", "mine+astar"]
+    assert [record.scores["knows_map"] for record in comparison.records] == [False, True, False, False, True]
+    assert comparison.pairs[1].mcnemar_p == 1.0
+
+
+def test_a_function_is_driven_anew_each_time(drawn: ScenarioList, tmp_path: Path) -> None:
+    """Nobody knows whether a function of the same name still does the same."""
+    first = compare([enter("mine", straight)], drawn.first(3), SIM, tmp_path / "out")
+    other = compare([enter("mine", lambda *_: np.zeros((len(_[0]), 2)))], drawn.first(3), SIM, tmp_path / "out")
+    assert first.records[0].episodes != other.records[0].episodes
+    assert {episode.outcome for episode in other.records[0].episodes} == {"timeout"}
+
+
+def test_a_controller_for_another_robot_is_refused(drawn: ScenarioList, tmp_path: Path) -> None:
+    slow = Controller("gap", replace(SIM, robot=RobotConfig(v_max=0.2)))
+    with pytest.raises(UserError, match=r"slow: robot\.v_max = 0\.5: the controller was made for 0\.2"):
+        compare([enter("slow", slow)], drawn.first(2), SIM, tmp_path / "out")
+
+
+def test_classical_settings_are_those_of_the_level(drawn: ScenarioList, tmp_path: Path) -> None:
+    ideal, real = (load_config(level=level) for level in LEVELS)
+    assert (ideal.controllers, ideal.planner) == (ControllersConfig(), PlannerConfig())
+    for key in ("dwa", "gap", "apf"):
+        assert getattr(real, key) != getattr(ideal, key)
+    given = {"controllers": real.controllers, "planner": real.planner}
+    shipped = compare(["dwa+rrt"], drawn, SIM, tmp_path / "a", level="real")
+    same = compare(["dwa+rrt"], drawn, SIM, tmp_path / "b", level="real", **given)
+    other = compare(["dwa+rrt"], drawn, SIM, tmp_path / "c", level="real", controllers=ideal.controllers)
+    assert shipped.records[0].episodes == same.records[0].episodes != other.records[0].episodes
 
 
 # What is written

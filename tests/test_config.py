@@ -16,7 +16,9 @@ from hypothesis import strategies as st
 from conftest import Writer
 from navrl import _navsim
 from navrl.config import Config, SimConfig
+from navrl.config.controllers import TUNABLE
 from navrl.config.files import PRESETS, ROBOTS, Option, load_config, to_toml
+from navrl.config.levels import REAL
 from navrl.config.ranges import allowed, choices, keys
 from navrl.config.reference import reference
 from navrl.errors import ConfigError
@@ -122,6 +124,26 @@ def test_precedence_is_defaults_preset_robot_file_options(config_file: Writer) -
     assert config.robot.omega_max == 2.84
     assert config.learner.n_step == 1
     assert config.replay.capacity == 1_000_000
+
+
+def test_the_level_stands_beneath_a_file_but_for_what_it_is(config_file: Writer) -> None:
+    real = load_config(level="real")
+    assert (real.robot.delay_steps, real.lidar.noise) == (REAL["robot"]["delay_steps"], REAL["lidar"]["noise"])
+    assert real.planner.margin == 0.2
+    file = config_file("[robot]\ndelay_steps = 3\nv_max = 0.4\n[planner]\nmargin = 0.15\n[dwa]\nmargin = 0.07\n")
+    config = load_config(file, level="real", options=[Option("--dwa.speed", "dwa.speed", "3")])
+    assert (config.robot.delay_steps, config.robot.v_max) == (1, 0.4)
+    assert (config.planner.margin, config.dwa.margin, config.dwa.speed) == (0.15, 0.07, 3.0)
+    assert config.dwa.horizon == real.dwa.horizon != Config().dwa.horizon
+    with pytest.raises(ConfigError, match=r"^--robot\.delay_steps: is set by --level real$"):
+        load_config(level="real", options=[Option("--robot.delay_steps", "robot.delay_steps", "1")])
+    with pytest.raises(ConfigError, match="--level"):
+        load_config(level="dream")  # type: ignore[arg-type]
+
+
+def test_the_settings_of_a_level_are_classical_ones_only() -> None:
+    tables = tomllib.loads(files("navrl").joinpath("presets", "real.toml").read_text(encoding="utf-8"))
+    assert set(tables) <= {*TUNABLE, "planner"}
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ from contending import SIM, policy_folder, scenario
 from navrl.batch import BatchSim
 from navrl.comparing import timing
 from navrl.comparing.contenders import LOOKAHEAD, along, enter
-from navrl.comparing.levels import at_level
 from navrl.config import ControllersConfig, PlannerConfig
+from navrl.config.levels import at_level
 from navrl.controllers import Controller
 from navrl.errors import UserError
 from navrl.evaluate import driver, evaluate

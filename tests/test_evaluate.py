@@ -12,10 +12,13 @@ from rich.console import Console
 
 from navrl.batch import Scenario
 from navrl.config import Config, LidarConfig, RobotConfig, SimConfig, TaskConfig
+from navrl.controllers import Controller
 from navrl.evaluate import evaluate, scores_table, write_json
 from navrl.metrics import EPISODE_KEYS, Episode
 from navrl.policy import Policy, PolicyDescription, PolicyError
 from navrl.scenarios import ScenarioError, hash_scenarios, load_list
+
+Array = NDArray[np.float64]
 
 
 @pytest.fixture(autouse=True)
@@ -257,3 +260,60 @@ def test_the_table_shows_rates_with_their_intervals() -> None:
     # Wilson for 1 of 2: 0.5 +- 0.405 (of the interval 0.0945 to 0.9055)
     for words in ("default on td3, list given: 2 scenarios", "50.00 %", "9.45 to 90.55 %", "5.50 s", "2.75 m"):
         assert words in text, text
+
+
+# Controllers and functions
+
+
+def straight(ranges: NDArray[np.float32], goal: Array, velocity: Array) -> Array:
+    """As the built-in one."""
+    assert ranges.dtype == np.float32
+    assert (goal.dtype, velocity.dtype) == (np.float64, np.float64)
+    assert ranges.shape == (len(goal), 180)
+    return np.stack([np.where(np.abs(goal[:, 1]) < 0.3, 0.5, 0.0), np.clip(2 * goal[:, 1], -1, 1)], axis=1)
+
+
+def test_a_callable_is_evaluated_as_the_built_in_one() -> None:
+    class Straight:
+        def command(self, ranges: NDArray[np.float32], goal: Array, velocity: Array) -> Array:
+            return straight(ranges, goal, velocity)
+
+    drawn = load_list(SimConfig(), "tuning", count=40)
+    expected = evaluate(Controller("straight"), drawn)
+    assert evaluate(straight, drawn, sim=SimConfig()) == expected
+    assert evaluate(Straight(), drawn, sim=SimConfig()) == expected
+    assert 5 < sum(episode.outcome == "goal" for episode in expected.episodes) < 35
+
+
+def test_a_controller_that_remembers_is_told_which_robots_run() -> None:
+    class Counting:
+        def __init__(self) -> None:
+            self.resets = 0
+
+        def reset(self) -> None:
+            self.resets, self.decisions = self.resets + 1, np.zeros(3, int)
+
+        def command(self, ranges: NDArray[np.float32], goal: Array, velocity: Array, robots: NDArray[np.intp]) -> Array:
+            self.decisions[robots] += 1
+            return np.tile([0.5, 0.0], (len(robots), 1))
+
+    counting = Counting()
+    given = [Scenario(start=(0, 0, 0), goal=(5, 0), goal_radius=0.3, time_limit=t) for t in (1.0, 3.0, 2.0)]
+    for _ in range(2):
+        evaluate(counting, given, sim=SimConfig())
+        assert counting.decisions.tolist() == [10, 30, 20]
+    assert counting.resets == 2
+
+
+def test_contenders_that_cannot_be_used_are_refused() -> None:
+    given = [Scenario(start=(0, 0, 0), goal=(5, 0), goal_radius=0.3, time_limit=1.0)]
+    with pytest.raises(TypeError, match="neither a policy with act nor a controller with command"):
+        evaluate("dwa", given, sim=SimConfig())  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"command: expected commands of shape \(1, 2\), got \(2,\)"):
+        evaluate(lambda *_: [0.5, 0.0], given, sim=SimConfig())
+    with pytest.raises(ValueError, match="actions: expected finite numbers, got NaN for robot 0"):
+        evaluate(lambda *_: [[math.nan, 0.0]], given, sim=SimConfig())
+    with pytest.raises(PolicyError, match="sim: must be given"):
+        evaluate(straight, given)
+    with pytest.raises(PolicyError, match=r"task\.period = 0\.2: the controller was made for 0.1"):
+        evaluate(Controller("dwa"), given, sim=SimConfig(task=TaskConfig(period=0.2)))

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from navrl.config import SimConfig
+from navrl.drawing import trajectory as trajectories
 from navrl.drawing.film import FRAMES_MAX, check_output, frame_steps, write
-from navrl.drawing.trajectory import Trajectory, drive
+from navrl.drawing.trajectory import Trajectory, with_idle
 from navrl.errors import UserError
-from navrl.evaluate import evaluate
+from navrl.evaluate import Contender, driver, evaluate
 from navrl.scenarios import ScenarioList, load_list
 
 
@@ -28,6 +29,11 @@ class TowardsGoal:
         turn = np.clip(2 * angle + 0.2 * np.maximum(0, 1 - nearest), -1, 1)
         actions = np.stack([np.where(np.abs(angle) < 0.5, 1, -1), turn], axis=1).astype(np.float32)
         return actions.reshape(*observations.shape[:-1], 2)
+
+
+def drive(contender: Contender, drawn: ScenarioList, index: int, sim: SimConfig) -> Trajectory:
+    """Drives a scenario of a list."""
+    return trajectories.drive(driver(contender, sim), with_idle(drawn, index, sim), sim)
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,10 @@ import pytest
 
 import navrl.tune
 from navrl.cli import main
-from navrl.comparing.levels import at_level
 from navrl.config import Config, ControllersConfig, SimConfig, WorldConfig
 from navrl.config.controllers import TUNABLE, searched
 from navrl.config.files import load_config
+from navrl.config.levels import at_level
 from navrl.errors import UserError
 from navrl.metrics import Episode
 from navrl.tune import penalised_time, tune

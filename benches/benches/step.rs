@@ -4,7 +4,7 @@
 use benches::config;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use navsim::BatchSim;
-use navsim::collision::{clearance, sweep};
+use navsim::collision::{Clearance, clearance, sweep};
 use navsim::config::LidarConfig;
 use navsim::lidar::{Lidar, NoiseName, Surroundings};
 use navsim::pose::Pose;
@@ -84,13 +84,14 @@ fn collision(criterion: &mut Criterion) {
             bencher.iter(|| next.next().map(|(obstacles, pose)| clearance(&footprint, pose, [obstacles, &none])));
         });
         for v in [0.5, 100.0] {
-            let gap = |(obstacles, pose): &(_, _)| clearance(&footprint, pose, [obstacles, &none]);
-            let gaps: Vec<f32> = worlds.iter().map(gap).collect();
+            let gap = |(obstacles, pose): &(_, _)| Clearance::exactly(clearance(&footprint, pose, [obstacles, &none]));
+            let gaps: Vec<Clearance> = worlds.iter().map(gap).collect();
             let mut next = worlds.iter().zip(&gaps).cycle();
             group.bench_function(format!("sweep at {v} m/s, {name}"), |bencher| {
                 bencher.iter(|| {
                     let ((obstacles, start), gap) = next.next().unwrap();
-                    sweep(&footprint, &Arc { start: *start, v, omega: 0.7 }, 0.1, [obstacles, &none], *gap)
+                    let arc = Arc { start: *start, v, omega: 0.7 };
+                    sweep(&footprint, &arc, 0.1, [obstacles, &none], *gap, f32::INFINITY)
                 });
             });
         }

@@ -161,6 +161,7 @@ def _add_train(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
     train.set_defaults(command="train", run="train:train", takes_settings=True)
     train.add_argument("--preset", metavar="P", help="fast (default) or paper")
     _add_robot(train)
+    _add_level(train, default=None)
     train.add_argument("--world", metavar="W", help="td3, boxes or a world file (.json)")
     seeds = train.add_mutually_exclusive_group()
     seeds.add_argument("--seed", metavar="K", help="seed of every random stream (default 0)")
@@ -188,6 +189,11 @@ def _add_scenarios(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--scenarios", metavar="F.jsonl", help="scenarios from a file, one in each line")
     parser.add_argument("--boxes", metavar="K", help="number of boxes of the world boxes")
     parser.add_argument("--list", choices=("validation", "test", "final"), help="built-in list (default test)")
+    parser.add_argument("--skip-invalid", action="store_true", help="leave out scenarios that cannot be run")
+
+
+def _add_level(parser: argparse.ArgumentParser, default: str | None = "ideal") -> None:
+    parser.add_argument("--level", choices=("ideal", "real"), default=default, help="ideal (default) or real")
 
 
 def _add_eval(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
@@ -195,17 +201,22 @@ def _add_eval(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
     parser.set_defaults(command="eval", run="evaluate:evaluate", takes_settings=False)
     parser.add_argument("policy", metavar="POLICY", help="run folder, policy folder or default")
     _add_scenarios(parser)
-    parser.add_argument("--skip-invalid", action="store_true", help="leave out scenarios that cannot be run")
     parser.add_argument("--episodes", metavar="N", help="only the first N scenarios")
     parser.add_argument("--threads", metavar="N", help="threads (default: all cores); never changes results")
     parser.add_argument("--json", metavar="F", help="write scores and episodes to F")
 
 
 def _add_play(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
-    parser = commands.add_parser("play", help="draw an episode: room, path, lidar rays")
-    parser.set_defaults(command="play", run="play:play", takes_settings=False)
-    parser.add_argument("policy", metavar="POLICY", nargs="?", default="default", help="default: the policy that ships")
+    parser = commands.add_parser(
+        "play",
+        help="draw an episode: room, path, lidar rays",
+        epilog="NAME is any contender of navrl compare, and its options give the episode that it measures.",
+    )
+    parser.set_defaults(command="play", run="play:play", takes_settings=True)
+    parser.add_argument("name", metavar="NAME", nargs="?", default="default", help="default: the policy that ships")
     _add_scenarios(parser)
+    _add_level(parser)
+    _add_robot(parser)
     parser.add_argument("--index", metavar="I", help="which scenario of the list (default 0)")
     parser.add_argument("--out", metavar="F", required=True, help="picture or film to write: .png, .gif or .mp4")
 
@@ -236,7 +247,7 @@ def _add_compare(commands: Any) -> None:  # noqa: ANN401 - argparse hides the ty
         " leads it on the map, such as pursuit+astar, default+astar, dwa+rrt",
     )
     _add_scenarios(parser)
-    parser.add_argument("--level", choices=("ideal", "real"), default="ideal", help="ideal (default) or real")
+    _add_level(parser)
     parser.add_argument("--episodes", metavar="N", help="only the first N scenarios")
     _add_robot(parser)
     parser.add_argument("--threads", metavar="N", help="threads (default: all cores); never changes results")
@@ -254,7 +265,7 @@ def _add_tune(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
     parser.add_argument("--world", metavar="W", help="td3 (default), boxes or a world file (.json)")
     parser.add_argument("--boxes", metavar="K", help="number of boxes of the world boxes")
     _add_robot(parser)
-    parser.add_argument("--level", choices=("ideal", "real"), default="ideal", help="ideal (default) or real")
+    _add_level(parser)
     parser.add_argument("--trials", metavar="N", default="100", help="budget (default 100)")
     parser.add_argument("--episodes", metavar="N", default="500", help="scenarios of a trial (default 500)")
     parser.add_argument("--seed", metavar="K", default="0", help="seed of the search (default 0)")
@@ -270,6 +281,7 @@ def _add_config(commands: Any) -> None:  # noqa: ANN401 - argparse hides the typ
     show.add_argument("file", metavar="FILE", nargs="?", help="TOML file")
     show.add_argument("--preset", metavar="P", help="fast (default) or paper")
     show.add_argument("--robot", metavar="R", help="turtlebot3_burger or turtlebot3_waffle")
+    _add_level(show)
     check = actions.add_parser("check", help="say whether FILE is a valid configuration")
     check.set_defaults(command="config check", run="config:check", takes_settings=False)
     check.add_argument("file", metavar="FILE", help="TOML file")

@@ -1,6 +1,7 @@
 """Compares contenders on one list: policies, classical controllers, and either of them led by a planner.
 
     compare(["default", "dwa", "default+astar"], scenarios, sim, folder, level="real") -> Comparison
+    compare(["dwa", enter("mine", my_controller)], scenarios, sim, folder)
 
 The one evaluator runs all of them, over the same scenarios with the same noise, so that `navrl eval` gives a policy the
 same numbers. What a contender did is kept in the folder: the same call continues a comparison that was cut short.
@@ -22,15 +23,18 @@ import numpy as np
 from navrl.batch import config_json
 from navrl.comparing.contenders import LOOKAHEAD, Entry, enter
 from navrl.comparing.folder import ComparisonFolder, Record
-from navrl.comparing.levels import REAL, Level, at_level
 from navrl.comparing.timing import decision_times
 from navrl.config import ControllersConfig, PlannerConfig, SimConfig
+from navrl.config.files import load_config
+from navrl.config.levels import Level, at_level
 from navrl.durable import write_file
 from navrl.errors import UserError
 from navrl.evaluate import EVALUATION_SEED, measure
 from navrl.paired import bootstrap_interval, differences, mcnemar, mean_difference, only_one
 from navrl.planners import Plan
 from navrl.scenarios import ScenarioList
+
+__all__ = ["Comparison", "Entry", "Pair", "compare", "enter", "write"]
 
 SCHEMA = 1
 """Version of results.json."""
@@ -120,13 +124,13 @@ def compare(
 
     Args:
         names: Contenders: run folders, policy folders, "default", controllers, or one of these, "+" and a planner; or
-            what `navrl.comparing.contenders.enter` made of such a name.
+            what `enter` made of such a name, or of a function of yours, which is driven anew each time.
         scenarios: The list.
         sim: Robot, lidar and task before the level changes them.
         folder: Where results are kept: new, empty, or of a comparison with the same settings.
         level: Under which conditions they drive.
-        controllers: Settings of the classical controllers; the defaults if None.
-        planner: Settings of the planners; the defaults if None.
+        controllers: Settings of the classical controllers; those that ship for the level if None.
+        planner: Settings of the planners; those that ship for the level if None.
         num_threads: Threads that step robots and plan; they do not change results.
         report: Takes one line for each contender.
 
@@ -142,12 +146,13 @@ def compare(
         raise UserError(f"{twice}: named twice")
     entries = [enter(name) if isinstance(name, str) else name for name in names]
     for entry in entries:
-        entry.check(sim, apart_from=tuple(REAL["robot"]) if level == "real" else ())
-    sim, controllers, planner = at_level(sim, level), controllers or ControllersConfig(), planner or PlannerConfig()
+        entry.check(sim, level)
+    shipped = load_config(level=level)
+    sim, controllers, planner = at_level(sim, level), controllers or shipped.controllers, planner or shipped.planner
     kept = ComparisonFolder(folder, _settings(scenarios, sim, level, controllers, planner))
     records = []
     for entry in entries:
-        record = kept.read(entry.name, entry.policy_sha256)
+        record = kept.read(entry.name, entry.policy_sha256) if entry.is_known else None
         if record is None:
             begin = perf_counter()
             record = _run(entry, scenarios, sim, controllers, planner, num_threads)

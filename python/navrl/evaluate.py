@@ -10,7 +10,7 @@ list names its lidar noise: a result depends neither on threads nor on how many 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -107,7 +107,7 @@ def evaluate(
         TypeError: The contender has neither of the methods `act` and `command`, nor can it be called.
         ValueError: It returned actions or commands of another shape, or NaN.
     """
-    own = _own_sim(contender)
+    own = own_sim(contender)
     if sim is None:
         if own is None:
             raise PolicyError("sim: must be given for a policy without a description of its robot")
@@ -146,16 +146,33 @@ def measure(drive: Driver, scenarios: ScenarioList, sim: SimConfig, *, num_threa
         scenarios=scenarios.scenarios,
     )
     motion = Motion(len(scenarios), sim.task.period)
-    actions = np.zeros((len(scenarios), 2), np.float32)
-    running = np.arange(len(scenarios))
+    for moved in steps(drive, simulator, np.arange(len(scenarios))):
+        motion.observe(simulator, moved)
+    episodes = _episodes(simulator, motion, scenarios, sim)
+    return Evaluation(summarize(scenarios.name, scenarios.sha256, episodes), episodes, motion.tracks())
+
+
+def steps(drive: Driver, simulator: BatchSim, running: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
+    """Drives robots until the episode of each has ended, period by period.
+
+    Args:
+        drive: What drives.
+        simulator: Without autoreset, all robots at their starts.
+        running: The robots to drive; others stand still.
+
+    Yields:
+        The robots that have just made a step.
+
+    Raises:
+        ValueError: `drive` returned actions of another shape, or NaN.
+    """
+    actions = np.zeros((len(simulator.outcome), 2), np.float32)
     with threadpool_limits(1, user_api="blas"):
         while running.size:
             actions[running] = drive(simulator, running)
             simulator.step(actions)
-            motion.observe(simulator, running)
+            yield running
             running = running[simulator.outcome[running] == RUNNING]
-    episodes = _episodes(simulator, motion, scenarios, sim)
-    return Evaluation(summarize(scenarios.name, scenarios.sha256, episodes), episodes, motion.tracks())
 
 
 def driver(contender: Contender, sim: SimConfig, *, towards: Towards | None = None) -> Driver:
@@ -222,7 +239,7 @@ def _checked(method: str, noun: str, answer: ArrayLike, running: NDArray[np.intp
     return array
 
 
-def _own_sim(contender: Contender) -> SimConfig | None:
+def own_sim(contender: Contender) -> SimConfig | None:
     """The simulator that the contender belongs to, if it says."""
     description, sim = getattr(contender, "description", None), getattr(contender, "sim", None)
     if isinstance(description, PolicyDescription):

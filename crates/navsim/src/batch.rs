@@ -45,7 +45,7 @@ struct State {
     results: Results,
 }
 
-const STATE_VERSION: u32 = 3;
+const STATE_VERSION: u32 = 4;
 
 /// What is done to a range of robots.
 #[derive(Clone, Copy)]
@@ -141,7 +141,7 @@ impl BatchSim {
 
     /// Distance (m) of each robot's footprint from the nearest obstacle now.
     pub fn clearances(&self) -> impl Iterator<Item = f32> + '_ {
-        self.episodes.iter().map(Episode::clearance)
+        self.episodes.iter().enumerate().map(|(robot, episode)| self.task.clearance(robot, episode))
     }
 
     /// Begins the next episode of all robots, or of those whose `mask` is true.

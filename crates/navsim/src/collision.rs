@@ -3,6 +3,7 @@
 use crate::pose::Pose;
 use crate::robot::{Arc, Footprint};
 use crate::world::Obstacles;
+use serde::{Deserialize, Serialize};
 
 /// Clearances are not followed beyond this distance, m.
 pub const CLEARANCE_MAX: f32 = 1000.0;
@@ -15,6 +16,36 @@ const ADVANCE_MIN: f32 = 5e-5;
 /// More than clearances and travels may err by rounding, m.
 const ROUNDING: f32 = 0.01;
 
+/// What is known of the distance between the footprint and the nearest obstacle. It is measured only when it can matter.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Clearance {
+    /// Clearance where it was measured last, m.
+    pub measured: f32,
+    /// No point of the footprint has moved farther than this since, m.
+    pub driven: f32,
+}
+
+impl Clearance {
+    /// A clearance (m) that has just been measured.
+    pub fn exactly(measured: f32) -> Self {
+        Self { measured, driven: 0.0 }
+    }
+
+    /// The clearance is not less than this, m, but for rounding.
+    pub fn at_least(&self) -> f32 {
+        self.measured - self.driven
+    }
+
+    /// The clearance is not more than this, m, but for rounding.
+    fn at_most(&self) -> f32 {
+        self.measured + self.driven
+    }
+
+    fn after(&self, travel: f64) -> Self {
+        Self { driven: self.driven + travel as f32, ..*self }
+    }
+}
+
 /// Where the robot is after a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sweep {
@@ -22,8 +53,8 @@ pub struct Sweep {
     pub pose: Pose,
     /// Time driven, s.
     pub time: f64,
-    /// Clearance of the footprint there, m.
-    pub clearance: f32,
+    /// Clearance of the footprint there.
+    pub clearance: Clearance,
     /// Whether the footprint touches an obstacle there.
     pub contact: bool,
 }
@@ -39,17 +70,16 @@ fn clearance_within(footprint: &Footprint, pose: &Pose, obstacles: [&Obstacles; 
     obstacles.iter().fold(limit, |nearest, obstacles| obstacles.clearance(footprint, pose, nearest))
 }
 
-/// `clearance` at `pose`, to which no point of the footprint has moved farther than `travel` (m) since the clearance was
-/// `before`: most shapes are too far away to be looked at closely.
-fn clearance_after(footprint: &Footprint, pose: &Pose, obstacles: [&Obstacles; 2], before: f32, travel: f64) -> f32 {
-    let farthest = before + travel as f32;
+/// The clearance (m) at `pose`, of which something is `known`: most shapes are too far away to be looked at closely.
+pub fn measure(footprint: &Footprint, pose: &Pose, obstacles: [&Obstacles; 2], known: &Clearance) -> f32 {
+    let farthest = known.at_most();
     let found = clearance_within(footprint, pose, obstacles, CLEARANCE_MAX.min(farthest + ROUNDING));
     // Always so, unless there is nothing within `CLEARANCE_MAX` or coordinates are beyond what single precision holds.
     if found < farthest + 0.5 * ROUNDING { found } else { clearance(footprint, pose, obstacles) }
 }
 
-/// Moves `footprint` along `arc` for `period` seconds or until it touches, from a pose where its clearance was
-/// `clearance_at_start`.
+/// Moves `footprint` along `arc` for `period` seconds or until it touches, from a pose whose clearance is known as
+/// `at_start`. The clearance at the end is measured unless it is certainly more than `needed` (m).
 ///
 /// Conservative advancement: no point of the footprint moves farther than |v| + reach |omega| per second, so from a
 /// clearance c it is safe to go on for c / speed. A contact is reported if the clearance along the exact arc falls under
@@ -59,22 +89,37 @@ pub fn sweep(
     arc: &Arc,
     period: f64,
     obstacles: [&Obstacles; 2],
-    clearance_at_start: f32,
+    at_start: Clearance,
+    needed: f32,
 ) -> Sweep {
     let speed = arc.v.abs() + footprint.turning_reach() * arc.omega.abs();
-    let mut gap = clearance_at_start;
+    let after = at_start.after(speed * period);
+    if after.at_least() > needed + ROUNDING {
+        return Sweep { pose: arc.at(period), time: period, clearance: after, contact: false };
+    }
+    let measure = |pose: &Pose, known: Clearance| measure(footprint, pose, obstacles, &known);
+    let safe_time = |gap: f32| f64::from(gap.max(ADVANCE_MIN)) / speed.max(f64::MIN_POSITIVE);
+    let mut gap = at_start;
+    if gap.driven > 0.0 && safe_time(gap.at_least() - ROUNDING) < period {
+        gap = Clearance::exactly(measure(&arc.start, gap));
+    }
     let mut time = 0.0;
     let mut pose = arc.start;
-    while gap > CONTACT {
-        let safe = f64::from(gap.max(ADVANCE_MIN));
-        if time + safe / speed.max(f64::MIN_POSITIVE) >= period {
+    while gap.at_least() > CONTACT {
+        let safe = safe_time(gap.at_least());
+        if time + safe >= period {
             pose = arc.at(period);
-            let clearance = clearance_after(footprint, &pose, obstacles, gap, speed * (period - time));
-            return Sweep { pose, time: period, clearance, contact: clearance <= CONTACT };
+            let clearance = measure(&pose, gap.after(speed * (period - time)));
+            return Sweep {
+                pose,
+                time: period,
+                clearance: Clearance::exactly(clearance),
+                contact: clearance <= CONTACT,
+            };
         }
-        time += safe / speed;
+        time += safe;
         pose = arc.at(time);
-        gap = clearance_after(footprint, &pose, obstacles, gap, safe);
+        gap = Clearance::exactly(measure(&pose, gap.after(speed * safe)));
     }
     Sweep { pose, time, clearance: gap, contact: true }
 }
@@ -93,7 +138,7 @@ mod tests {
     fn drive(footprint: &Footprint, arc: Arc, obstacles: &Obstacles) -> Sweep {
         let none = Obstacles::default();
         let start = clearance(footprint, &arc.start, [obstacles, &none]);
-        sweep(footprint, &arc, 0.1, [obstacles, &none], start)
+        sweep(footprint, &arc, 0.1, [obstacles, &none], Clearance::exactly(start), f32::INFINITY)
     }
 
     #[test]

@@ -5,7 +5,7 @@
 //! out only intervals whose clearance is proven. NAVRL_FULL=1 makes a million moves.
 #![allow(clippy::unwrap_used)]
 
-use navsim::collision::{Sweep, clearance, sweep};
+use navsim::collision::{Clearance, Sweep, clearance, sweep};
 use navsim::pose::Pose;
 use navsim::rng::{Purpose, Split, Stream, StreamName};
 use navsim::robot::{Arc, Footprint};
@@ -163,8 +163,8 @@ impl Move {
         let (center, yaw, length) = self.wall;
         let wall = Obstacles::new(&[Shape::Box { center, yaw, length, width: THIN }]);
         let obstacles = [&wall, &Obstacles::default()];
-        let start = clearance(&self.footprint, &self.arc.start, obstacles);
-        sweep(&self.footprint, &self.arc, PERIOD, obstacles, start)
+        let start = Clearance::exactly(clearance(&self.footprint, &self.arc.start, obstacles));
+        sweep(&self.footprint, &self.arc, PERIOD, obstacles, start, f32::INFINITY)
     }
 }
 

@@ -10,7 +10,8 @@ from navrl.exit_codes import DONE
 def show(options: Namespace) -> int:
     """Prints a complete configuration as TOML."""
     preset = "fast" if options.preset is None else options.preset
-    config = load_config(options.file, preset=preset, robot=options.robot, options=given_settings(options))
+    sources = {"preset": preset, "robot": options.robot, "level": options.level}
+    config = load_config(options.file, **sources, options=given_settings(options))
     print(to_toml(config), end="")
     return DONE
 

@@ -5,7 +5,6 @@ from argparse import Namespace
 
 from navrl.commands.options import output_file, threads, whole_number
 from navrl.commands.selection import place, scenario_list, simulator
-from navrl.errors import UserError
 from navrl.exit_codes import DONE
 
 
@@ -14,8 +13,6 @@ def evaluate(options: Namespace) -> int:
     target = None if options.json is None else output_file("--json", options.json)
     num_threads = threads(options.threads)
     count = None if options.episodes is None else whole_number("--episodes", options.episodes, 1, 10**6)
-    if options.skip_invalid and options.scenarios is None:
-        raise UserError("eval: --skip-invalid goes with --scenarios only")
 
     from navrl.policy import load_policy
 

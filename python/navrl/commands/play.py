@@ -1,10 +1,10 @@
-"""`navrl play`: one episode as a picture or a film."""
+"""`navrl play`: one episode of any contender as a picture or a film."""
 
 import sys
 from argparse import Namespace
 
 from navrl.commands.options import output_file, threads, whole_number
-from navrl.commands.selection import place, scenario_list, simulator
+from navrl.commands.selection import contest, place, scenario_list
 from navrl.exit_codes import DONE
 
 
@@ -14,15 +14,16 @@ def play(options: Namespace) -> int:
     index = 0 if options.index is None else whole_number("--index", options.index, 0, 10**6)
 
     from navrl.drawing.film import check_output, write
-    from navrl.drawing.trajectory import drive
-    from navrl.policy import load_policy
+    from navrl.drawing.trajectory import drive, with_idle
 
     check_output(target)
-    policy = load_policy(options.policy)
-    sim = simulator(options, options.policy, policy.description)
-    print(f"navrl: {options.policy} drives scenario {index} of {place(options, sim)}", file=sys.stderr)
+    config, sim, [entry] = contest(options, [options.name])
+    print(f"navrl: {entry.name} drives scenario {index} of {place(options, sim)}", file=sys.stderr)
     scenarios = scenario_list(options, sim, count=None, num_threads=threads(None), lengths=False)
-    trajectory = drive(policy, scenarios, index, sim)
-    write(trajectory, target, title=f"{options.policy} on {place(options, sim)}, scenario {index}")
+    robots = with_idle(scenarios, index, sim)
+    plans = entry.plans(robots, sim, config.planner, num_threads=1)
+    driver = entry.driver(robots, plans, sim, config.controllers)
+    trajectory = drive(driver, robots, sim, planned=plans[-1].path if plans else None)
+    write(trajectory, target, title=f"{entry.name} on {place(options, sim)}, scenario {index}")
     print(f"{target}: {trajectory.outcome} after {trajectory.steps * sim.task.period:.1f} s")
     return DONE

@@ -1,6 +1,7 @@
 """The robot, the world and the scenarios that a command's options ask for."""
 
 from argparse import Namespace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,8 @@ from navrl.config.files import load_config, load_sim
 from navrl.errors import UserError
 
 if TYPE_CHECKING:
-    from navrl.config import SimConfig
+    from navrl.comparing.contenders import Entry
+    from navrl.config import Config, SimConfig
     from navrl.policy_description import PolicyDescription
     from navrl.scenarios import ScenarioList
 
@@ -20,13 +22,42 @@ def check_boxes(options: Namespace) -> None:
         raise UserError(f"--boxes {options.boxes}: goes with --world boxes")
 
 
+def check_place(options: Namespace) -> None:
+    """Refuses what goes with another world, or with a file of scenarios."""
+    check_boxes(options)
+    if options.skip_invalid and options.scenarios is None:
+        raise UserError(f"{options.command}: --skip-invalid goes with --scenarios only")
+
+
 def simulator(options: Namespace, policy: str, description: "PolicyDescription") -> "SimConfig":
     """The policy's robot in the world that was asked for: without one in that of the run, or in td3."""
-    check_boxes(options)
+    check_place(options)
     run = Path(policy) / "config.toml"
     if options.world is None and run.is_file():
         return description.sim_config(load_config(file=run).sim.world)
     return description.sim_config(load_sim(given_settings(options, "world", "boxes")).world)
+
+
+def contest(options: Namespace, names: Sequence[str]) -> "tuple[Config, SimConfig, list[Entry]]":
+    """Settings, the robot that all drive, and the contenders, at the level that was asked for.
+
+    The robot is as configured, and if nothing is, that of the first policy, as `navrl eval` has it.
+    """
+    check_place(options)
+    settings = given_settings(options, "world", "boxes")
+    config = load_config(options.config, robot=options.robot, level=options.level, options=settings)
+
+    from navrl.comparing.contenders import enter
+    from navrl.config.levels import at_level
+
+    entries = [enter(name) for name in names]
+    sim = config.sim
+    first = next((entry for entry in entries if entry.policy is not None), None)
+    if first is not None and first.policy is not None and not (options.config or options.robot or options.settings):
+        sim = simulator(options, first.name.removesuffix(f"+{first.planner}"), first.policy.description)
+    for entry in entries:
+        entry.check(sim, options.level)
+    return config, at_level(sim, options.level), entries
 
 
 def place(options: Namespace, sim: "SimConfig") -> str:
@@ -44,6 +75,5 @@ def scenario_list(
         return load_list(sim, options.list or "test", count=count, num_threads=num_threads, lengths=lengths)
     if options.list is not None:
         raise UserError(f"--list {options.list}: goes with a world, not with --scenarios")
-    skip = getattr(options, "skip_invalid", False)
-    given = read_list(options.scenarios, sim, skip_invalid=skip, num_threads=num_threads)
+    given = read_list(options.scenarios, sim, skip_invalid=options.skip_invalid, num_threads=num_threads)
     return given if count is None else given.first(count)

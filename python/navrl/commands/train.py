@@ -12,7 +12,9 @@ from navrl.config.files import Option, load_config
 from navrl.errors import UserError
 from navrl.exit_codes import DONE, NOT_FINITE
 
-FIXED_BY_RUN = ("preset", "robot", "config", "world", "seed", "seeds", "episodes", "until", "algorithm", "init", "out")
+FIXED_BY_RUN = (
+    *("preset", "robot", "level", "config", "world", "seed", "seeds", "episodes", "until", "algorithm", "init", "out"),
+)
 """Options that a resumed run has no use for."""
 CUT_OFF_TOLD = 0.005
 """Share of a world file's free area that is told about when no way leads there."""
@@ -73,7 +75,8 @@ def _configs(options: Namespace, preset: str) -> list[Config]:
     configs = []
     for text in seeds:
         seed = [] if text is None else [Option(flag, "training.seed", text.strip())]
-        configs.append(load_config(options.config, preset=preset, robot=options.robot, options=[*settings, *seed]))
+        sources = {"preset": preset, "robot": options.robot, "level": options.level or "ideal"}
+        configs.append(load_config(options.config, **sources, options=[*settings, *seed]))
     distinct = {config.training.seed for config in configs}
     if len(distinct) < len(configs):
         raise UserError(f"--seeds {options.seeds}: a seed stands there twice")

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from navrl.commands.options import given_settings, threads, whole_number
 from navrl.commands.selection import check_boxes
-from navrl.comparing.levels import at_level
 from navrl.config.controllers import TUNABLE
 from navrl.config.files import load_config
 from navrl.errors import UserError
@@ -18,8 +17,8 @@ def tune(options: Namespace) -> int:
     if options.name not in TUNABLE:
         raise UserError(f"tune: {options.name}: must be one of {', '.join(TUNABLE)}")
     check_boxes(options)
-    config = load_config(options.config, robot=options.robot, options=given_settings(options, "world", "boxes"))
-    config = at_level(config, options.level)
+    settings = given_settings(options, "world", "boxes")
+    config = load_config(options.config, robot=options.robot, level=options.level, options=settings)
     trials = whole_number("--trials", options.trials, 1, 10**6)
     episodes = whole_number("--episodes", options.episodes, 1, 10**6)
     seed = whole_number("--seed", options.seed, 0, 2**31)

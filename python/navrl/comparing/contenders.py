@@ -1,6 +1,7 @@
 """Who takes part in a comparison: a policy, a controller, or one of them led along the path of a planner.
 
     entry = enter("default+astar")                              a name, read; policies are loaded
+    entry = enter("mine+astar", my_controller)                  one of yours, with or without a planner
     plans = entry.plans(scenarios, sim, config, ...)            the paths that lead it
     drive = entry.driver(scenarios, plans, sim, controllers)    what the evaluator calls in every period
 
@@ -18,9 +19,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from navrl.config.levels import REAL, Level
 from navrl.controllers import NAMES, Controller, Name
 from navrl.errors import UserError
-from navrl.evaluate import Driver, Towards, check_same, driver
+from navrl.evaluate import Contender, Driver, Towards, check_same, driver, own_sim
 from navrl.planners import PLANNERS, Lookahead, Plan, Planner, plan_all
 from navrl.policy import Policy, load_policy
 from navrl.scenarios import robot_radius
@@ -39,8 +41,8 @@ class Entry:
 
     name: str
     """As typed."""
-    local: Policy | Name
-    """What drives: a policy, or the name of a controller."""
+    local: Contender | Name
+    """What drives: a policy, the name of a controller, or what the user gave under the entry's name."""
     planner: Planner | None
     """Who leads it on the map, if anybody."""
 
@@ -59,19 +61,27 @@ class Entry:
             digest.update(name.encode() + tensor.tobytes())
         return digest.hexdigest()
 
-    def check(self, sim: SimConfig, *, apart_from: Sequence[str]) -> None:
-        """Refuses a policy for another robot than that of the comparison.
+    @property
+    def is_known(self) -> bool:
+        """Whether the same contender can be told from another of its name: not so of what a user gave."""
+        return isinstance(self.local, (Policy, str))
+
+    def check(self, sim: SimConfig, level: Level) -> None:
+        """Refuses a contender for another robot than that of the comparison, but for what the level sets for all.
 
         Args:
             sim: The comparison's robot.
-            apart_from: Keys of the robot that the level sets for all.
+            level: The comparison's level.
 
         Raises:
             UserError: With the first difference.
         """
-        if self.policy is not None:
+        if isinstance(self.local, str):
+            return
+        own, apart_from = own_sim(self.local), tuple(REAL["robot"]) if level == "real" else ()
+        if own is not None:
             try:
-                check_same(self.policy.description.sim_config(), sim, self.policy, apart_from=apart_from)
+                check_same(own, sim, self.local, apart_from=apart_from)
             except UserError as error:
                 raise UserError(f"{self.name}: {error}") from None
 
@@ -105,7 +115,7 @@ class Entry:
         Returns:
             The driver.
         """
-        contender = self.local if isinstance(self.local, Policy) else Controller(self.local, sim, controllers)
+        contender = Controller(self.local, sim, controllers) if isinstance(self.local, str) else self.local
         if self.planner is None:
             return driver(contender, sim)
         distance = controllers.pursuit.lookahead if self.local == "pursuit" else LOOKAHEAD
@@ -129,11 +139,13 @@ def along(guide: Lookahead) -> Towards:
     return towards
 
 
-def enter(name: str) -> Entry:
-    """Reads the name of a contender.
+def enter(name: str, contender: Contender | None = None) -> Entry:
+    """Reads the name of a contender, or gives one of yours its name.
 
     Args:
-        name: A run folder, a policy folder, "default", a controller, or one of these, "+" and a planner.
+        name: A run folder, a policy folder, "default", a controller, or one of these, "+" and a planner. A name of your
+            own, with or without a planner, for what you give.
+        contender: What drives under that name: a controller as a function or an object, or a policy.
 
     Returns:
         The contender.
@@ -142,6 +154,8 @@ def enter(name: str) -> Entry:
         UserError: No such contender, or a damaged policy.
     """
     local, plus, planner = name.rpartition("+")
+    if contender is not None:
+        return Entry(name, contender, planner if plus and planner in PLANNERS else None)
     if plus and planner in PLANNERS:
         return Entry(name, _local(local), planner)
     if plus and local in (*NAMES, "default"):

@@ -131,13 +131,17 @@ def _against(pair: Pair) -> tuple[str, ...]:
     )
 
 
+def contenders(count: int) -> str:
+    """A number of contenders in words."""
+    return f"{count} contender{'' if count == 1 else 's'}"
+
+
 def headline(comparison: Comparison, world: str) -> str:
     """What was compared, in a line."""
     scenarios = comparison.scenarios
     which = "" if scenarios.name == world else f", list {scenarios.name}"
-    count = len(comparison.records)
-    contenders = f"{count} contender{'' if count == 1 else 's'} on {world}{which}, level {comparison.level}"
-    return f"{contenders}: {len(scenarios):,} scenarios"
+    count = contenders(len(comparison.records))
+    return f"{count} on {world}{which}, level {comparison.level}: {len(scenarios):,} scenarios"
 
 
 def terminal(comparison: Comparison, world: str, console: Console) -> str:

@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from navrl.batch import BatchSim
-from navrl.evaluate import EVALUATION_SEED
-from navrl.metrics import RUNNING
+from navrl.evaluate import EVALUATION_SEED, steps
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -43,17 +41,18 @@ def decision_times(
         (CALLS,) seconds.
     """
     times: list[float] = []
-    one = np.zeros(1, np.intp)
-    with threadpool_limits(1, user_api="blas"):
-        for scenario in cycle(scenarios):
-            plans = entry.plans([scenario], sim, planner, num_threads=1)
-            drive = entry.driver([scenario], plans, sim, controllers)
-            simulator = BatchSim(sim, num_envs=1, seed=EVALUATION_SEED, autoreset=False, scenarios=[scenario])
-            while simulator.outcome[0] == RUNNING:
-                begin = perf_counter()
-                action = drive(simulator, one)
-                times.append(perf_counter() - begin)
-                if len(times) == WARM_UP + CALLS:
-                    return np.array(times[WARM_UP:])
-                simulator.step(action)
+
+    def timed(simulator: BatchSim, running: NDArray[np.intp]) -> NDArray[np.float32]:
+        begin = perf_counter()
+        actions = drive(simulator, running)
+        times.append(perf_counter() - begin)
+        return actions
+
+    for scenario in cycle(scenarios):
+        plans = entry.plans([scenario], sim, planner, num_threads=1)
+        drive = entry.driver([scenario], plans, sim, controllers)
+        simulator = BatchSim(sim, num_envs=1, seed=EVALUATION_SEED, autoreset=False, scenarios=[scenario])
+        for _ in steps(timed, simulator, np.arange(1)):
+            if len(times) >= WARM_UP + CALLS:
+                return np.array(times[WARM_UP:])
     raise AssertionError("cycle never ends")

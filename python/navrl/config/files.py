@@ -1,7 +1,8 @@
 """Configurations from files, presets and options, and back to TOML.
 
-Precedence: defaults < preset < robot preset < file < options. Every refusal is one line that names the source, the
-key, its value and what is allowed, and the nearest valid name for one that is unknown.
+Precedence: defaults < preset < robot preset < settings found for the level < file < options < what the level is. Every
+refusal is one line that names the source, the key, its value and what is allowed, and the nearest valid name for one
+that is unknown.
 """
 
 import json
@@ -16,11 +17,14 @@ from typing import Any, TypeVar, get_type_hints
 
 from navrl.config import WORLDS, Config, SimConfig
 from navrl.config.faults import meant, out_of_range, unknown_key, unknown_table
+from navrl.config.levels import LEVELS, REAL, Level, at_level
 from navrl.config.ranges import keys
 from navrl.errors import ConfigError, SettingError, shown
 
 ROBOTS = ("turtlebot3_burger", "turtlebot3_waffle")
 PRESETS = ("fast", "paper", *ROBOTS)
+AS_DEFAULTS = ("fast", "ideal")
+"""What the defaults are."""
 LARGEST_FILE = 1 << 20
 
 _Tree = TypeVar("_Tree", Config, SimConfig)
@@ -53,6 +57,7 @@ def load_config(
     *,
     preset: str = "fast",
     robot: str | None = None,
+    level: Level = "ideal",
     options: Sequence[Option] = (),
 ) -> Config:
     """Builds the configuration of a run from its sources.
@@ -61,6 +66,8 @@ def load_config(
         file: TOML file; a relative world file in it counts from its folder.
         preset: one of PRESETS.
         robot: one of ROBOTS: the shape, limits and lidar of a robot on the market.
+        level: conditions under which the robot drives; they count before a file's. Settings of controllers and
+            planners that were found for the level stand behind the file's.
         options: settings of the command line; the last of several for one key counts.
 
     Returns:
@@ -72,10 +79,16 @@ def load_config(
     layers = [*_preset(preset, PRESETS, "preset")]
     if robot is not None:
         layers += _preset(robot, ROBOTS, "robot")
+    layers += _preset(level, LEVELS, "level")
     if file is not None:
         layers.append(_layer(os.fspath(file), _read(Path(file)), folder=Path(file).parent))
     layers += (_option(option) for option in options)
-    return _build(Config, layers)
+    if level == "real":
+        fixed = {f"{table}.{key}" for table, values in REAL.items() for key in values}
+        for option in options:
+            if option.key in fixed:
+                raise ConfigError("is set by --level real", source=option.flag)
+    return at_level(_build(Config, layers), level)
 
 
 def load_sim(options: Sequence[Option]) -> SimConfig:
@@ -156,7 +169,7 @@ def _preset(name: str, names: Sequence[str], kind: str) -> Iterator[_Layer]:
     if name not in names:
         hint = meant(get_close_matches(name, names, n=1))
         raise ConfigError(f"{shown(name)}: must be one of {', '.join(names)}{hint}", source=f"--{kind}")
-    if name != "fast":
+    if name not in AS_DEFAULTS:
         text = files("navrl").joinpath("presets", f"{name}.toml").read_text(encoding="utf-8")
         yield _layer(f"{kind} {name}", tomllib.loads(text))
 

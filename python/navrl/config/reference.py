@@ -11,6 +11,7 @@ from typing import get_type_hints
 
 from navrl.config import Config
 from navrl.config.files import ROBOTS, to_toml
+from navrl.config.levels import REAL
 from navrl.config.ranges import allowed
 
 _INTRODUCTION = """\
@@ -23,9 +24,11 @@ A run is described by the tables below. Each value comes from the last of these 
 1. the defaults, which are the preset `fast`;
 2. `--preset paper`: the paper's way, which lists only what differs;
 3. `--robot NAME`: the shape, limits and lidar of a robot on the market;
-4. `--config FILE.toml`;
-5. options such as `--learner.tau 0.01`, whose value is read as a TOML value (a bare word is a string).
+4. `--level real`: what was found for controllers and planners at that level, below;
+5. `--config FILE.toml`;
+6. options such as `--learner.tau 0.01`, whose value is read as a TOML value (a bare word is a string).
 
+What the level real itself sets, of robot and lidar, counts before a file's and can be given in no option.
 `navrl config show` prints the complete configuration that the same options would give, `navrl config check FILE` says
 whether a file is valid. A run stores its own as `config.toml`, from which it can be repeated. Whatever cannot be used
 is refused before any work, in one line that names the file or option, the key, its value and what is allowed.
@@ -57,7 +60,7 @@ def reference() -> str:
     """The whole page as Markdown."""
     tables = get_type_hints(Config)
     sections = [_section(table.name, tables[table.name]) for table in fields(Config)]
-    return "\n".join([_INTRODUCTION, *sections, _COMBINATIONS, _robots()])
+    return "\n".join([_INTRODUCTION, *sections, _COMBINATIONS, _level(), _robots()])
 
 
 def _section(table: str, cls: type) -> str:
@@ -69,6 +72,15 @@ def _section(table: str, cls: type) -> str:
         other = f"`{paper[key]}`" if key in paper else ""
         rows.append(f"| `{name}` | `{defaults[key]}` | {other} | {allowed(Config, key)} | {meaning} |")
     return f"## [{table}]\n\n{inspect.getdoc(cls)}\n\n" + "\n".join(rows) + "\n"
+
+
+def _level() -> str:
+    conditions = _flat(REAL)
+    found = _preset("real")
+    rows = ["| key | level real |", "|---|---|"]
+    rows += [f"| `{key}` | `{value}` |" for key, value in {**conditions, **found}.items()]
+    text = "Robot and lidar are what the level is; python/navrl/presets/real.toml says how the others were found."
+    return f"## Level real\n\n{text}\n\n" + "\n".join(rows) + "\n"
 
 
 def _robots() -> str:

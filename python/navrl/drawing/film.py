@@ -11,6 +11,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from navrl.drawing.trajectory import Trajectory
 from navrl.durable import PENDING, write_file
 from navrl.errors import UserError
@@ -67,9 +69,16 @@ def write(trajectory: Trajectory, file: Path, *, title: str) -> None:
     from navrl.drawing.render import Room
 
     kind = file.suffix.lower()
-    path = trajectory.poses[:, :2]
     size, supersample = (PICTURE_PX, 4) if kind == ".png" else (FILM_PX, 2)
-    room = Room(trajectory.scenario, trajectory.sim, title=title, size=size, supersample=supersample, path=path)
+    room = Room(
+        trajectory.scenario,
+        trajectory.sim,
+        title=title,
+        size=size,
+        supersample=supersample,
+        path=trajectory.poses[:, :2],
+        planned=trajectory.planned,
+    )
     if kind == ".mp4":
         _write_mp4(trajectory, room, file)
         return
@@ -94,7 +103,7 @@ def picture(trajectory: Trajectory, room: Room) -> Image.Image:
     every = max(1, round(GHOST_S / trajectory.sim.task.period))
     ghosts = trajectory.poses[every : trajectory.steps : every]
     # The rays of the step at which the robot came nearest to an obstacle that it saw.
-    nearest = int(trajectory.ranges.min(axis=1).argmin())
+    nearest = int(np.nan_to_num(trajectory.ranges, nan=np.inf).min(axis=1).argmin())
     return room.draw(trajectory.moment(trajectory.steps), ghosts=ghosts, scan=trajectory.moment(nearest))
 
 

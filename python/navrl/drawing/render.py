@@ -29,6 +29,7 @@ OBSTACLE_EDGE: Color = (45, 55, 72)
 INK: Color = (38, 44, 56)
 FAINT_INK: Color = (124, 131, 143)
 PATH: Color = (37, 99, 235)
+PLANNED: Color = (217, 119, 6)
 ROBOT: Color = (29, 78, 216)
 GOAL: Color = (5, 150, 105)
 OUTCOME_COLORS: dict[str, Color] = {
@@ -64,7 +65,7 @@ class Moment:
     pose: NDArray[np.float64]
     """(3,) x, y, yaw of the robot (m, m, rad)."""
     ranges: NDArray[np.float32] | None
-    """(beams,) the lidar's ranges, metres; None draws no rays."""
+    """(beams,) the lidar's ranges, metres, NaN where a beam is lost; None draws no rays."""
     path: NDArray[np.float64]
     """(points, 2) where the robot's centre has been, metres, oldest first."""
     step: int
@@ -102,6 +103,7 @@ class Room:
         size: int = 640,
         supersample: int = 2,
         path: NDArray[np.float64] | None = None,
+        planned: NDArray[np.float64] | None = None,
     ) -> None:
         """Draws what does not move.
 
@@ -112,12 +114,14 @@ class Room:
             size: Longer side of the room's picture, pixels, even.
             supersample: Factor of the canvas on which edges are smoothed, at least 1.
             path: (points, 2) where the robot will go, metres: it stays in the frame.
+            planned: (points, 2) the path that leads it, metres, if there is one.
         """
         self.sim = sim
         self._title = title
         self._scenario = scenario
         self._supersample = supersample
-        x0, y0, x1, y1 = _frame(scenario, path)
+        self._planned = np.zeros((0, 2)) if planned is None else planned
+        x0, y0, x1, y1 = _frame(scenario, np.concatenate([np.zeros((0, 2)) if path is None else path, self._planned]))
         self._scale = size * supersample / max(x1 - x0, y1 - y0)
         self._origin = (x0, y1)
         self._grid = 1.0 if max(x1 - x0, y1 - y0) <= 40 else 10.0
@@ -209,6 +213,8 @@ class Room:
             draw.polygon(self._px(polygon), fill=OBSTACLE, outline=OBSTACLE_EDGE, width=edge)
         for xa, ya, xb, yb in self._scenario.segments:
             self._line(draw, np.array([(xa, ya), (xb, yb)]), OBSTACLE_EDGE, 0.05)
+        if len(self._planned) > 1:
+            self._line(draw, self._planned, PLANNED, 0.03)
 
     def _draw_goal_and_start(self, draw: ImageDraw.ImageDraw) -> None:
         goal, radius = self._scenario.goal, self._scenario.goal_radius
@@ -222,6 +228,8 @@ class Room:
         origin, heading = _lidar_pose(pose, lidar)
         width = lidar.fov / lidar.beams
         angles = heading - 0.5 * lidar.fov + (np.arange(lidar.beams) + 0.5) * width
+        # Lost beams are not drawn.
+        angles, ranges = angles[~np.isnan(ranges)], ranges[~np.isnan(ranges)]
         colors = danger_colors(ranges).tolist()
         ends = origin + ranges[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
         [start] = self._px([(float(origin[0]), float(origin[1]))])
@@ -306,14 +314,14 @@ def _box_corners(pose: Sequence[float], length: float, width: float) -> list[tup
     return [(x + cos * a - sin * b, y + sin * a + cos * b) for a, b in halves]
 
 
-def _frame(scenario: Scenario, path: NDArray[np.float64] | None) -> tuple[float, float, float, float]:
+def _frame(scenario: Scenario, path: NDArray[np.float64]) -> tuple[float, float, float, float]:
     """Rectangle x0, y0, x1, y1 (m) that holds start, goal and path, and all obstacles unless the world is wide."""
     corners = [(x + dx, y + dy) for x, y, r in scenario.circles for dx, dy in ((-r, -r), (r, r))]
     for x, y, yaw, length, width in scenario.boxes:
         corners += _box_corners((x, y, yaw), length, width)
     corners += [point for polygon in scenario.polygons for point in polygon]
     corners += [point for xa, ya, xb, yb in scenario.segments for point in ((xa, ya), (xb, yb))]
-    places = np.array([scenario.start[:2], scenario.goal, *([] if path is None else path.tolist())])
+    places = np.array([scenario.start[:2], scenario.goal, *path.tolist()])
     around = np.array([places.min(axis=0) - OPEN_MARGIN_M, places.max(axis=0) + OPEN_MARGIN_M])
     frame = around
     if corners:

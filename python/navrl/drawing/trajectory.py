@@ -1,22 +1,23 @@
 """One episode step by step, as pictures and films show it: the very one that an evaluation of the same list runs there.
 
-drive(policy, scenario_list, index, sim) -> Trajectory
+robots = with_idle(scenario_list, index, sim)
+drive(driver(contender, sim), robots, sim) -> Trajectory
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from navrl.batch import BatchSim, Scenario
 from navrl.config import SimConfig
 from navrl.errors import UserError
-from navrl.evaluate import EVALUATION_SEED, Actor
-from navrl.metrics import OUTCOMES, RUNNING
+from navrl.evaluate import EVALUATION_SEED, Driver, steps
+from navrl.metrics import OUTCOMES
 
 if TYPE_CHECKING:
     from navrl.drawing.render import Moment
@@ -39,6 +40,8 @@ class Trajectory:
     """(steps + 1, 2) m/s, rad/s of the step that led here."""
     outcome: str
     """How it ended: "goal", "collision" or "timeout"."""
+    planned: NDArray[np.float64] | None = None
+    """(K, 2) the path (m) that led the robot; None without a planner."""
 
     @property
     def steps(self) -> int:
@@ -61,42 +64,48 @@ class Trajectory:
         )
 
 
-def drive(policy: Actor, scenarios: ScenarioList, index: int, sim: SimConfig) -> Trajectory:
-    """Drives one scenario of a list.
+def with_idle(scenarios: ScenarioList, index: int, sim: SimConfig) -> list[Scenario]:
+    """A scenario of a list at its place, which names its lidar's noise; robots before it stand in their goals.
 
     Args:
-        policy: What drives.
         scenarios: The list.
         index: Place in the list, from 0.
-        sim: Robot, lidar and task.
+        sim: The robot's task.
 
     Returns:
-        The episode.
+        (index + 1) scenarios, of which the last is the one.
 
     Raises:
         UserError: The list has no such place.
     """
     if not 0 <= index < len(scenarios):
         raise UserError(f"--index {index}: {scenarios.name} has scenarios 0 to {len(scenarios) - 1}")
-    scenario = scenarios.scenarios[index]
-    # The place in the list names the lidar's noise. The robots before it end after one step in an open world.
-    idle = Scenario(start=(0.0, 0.0, 0.0), goal=(100.0, 0.0), goal_radius=0.1, time_limit=sim.task.period)
-    simulator = BatchSim(
-        sim,
-        num_envs=index + 1,
-        seed=EVALUATION_SEED,
-        autoreset=False,
-        scenarios=[*([idle] * index), scenario],
-    )
-    actions = np.zeros((index + 1, 2), np.float32)
-    history = [_situation(simulator, index)]
-    with threadpool_limits(1, user_api="blas"):
-        while simulator.outcome[index] == RUNNING:
-            actions[index] = policy.act(simulator.observations[index])
-            simulator.step(actions)
-            history.append(_situation(simulator, index))
+    idle = Scenario(start=(0.0, 0.0, 0.0), goal=(0.0, 0.0), goal_radius=0.1, time_limit=sim.task.period)
+    return [*([idle] * index), scenarios.scenarios[index]]
+
+
+def drive(
+    drive: Driver, robots: Sequence[Scenario], sim: SimConfig, *, planned: NDArray[np.float64] | None = None
+) -> Trajectory:
+    """Drives the last of some scenarios.
+
+    Args:
+        drive: What drives; it knows the robot by its place.
+        robots: Scenarios of all robots.
+        sim: Robot, lidar and task.
+        planned: (K, 2) the path (m) that leads the robot, to be drawn; None without a planner.
+
+    Returns:
+        The episode.
+    """
+    simulator = BatchSim(sim, num_envs=len(robots), seed=EVALUATION_SEED, autoreset=False, scenarios=list(robots))
+    last = len(robots) - 1
+    history = [_situation(simulator, last)]
+    for _ in steps(drive, simulator, np.array([last])):
+        history.append(_situation(simulator, last))
     poses, ranges, velocities = (np.stack(rows) for rows in zip(*history, strict=True))
-    return Trajectory(scenario, sim, poses, ranges, velocities, OUTCOMES[int(simulator.outcome[index])])
+    outcome = OUTCOMES[int(simulator.outcome[last])]
+    return Trajectory(robots[last], sim, poses, ranges, velocities, outcome, planned)
 
 
 def _situation(simulator: BatchSim, robot: int) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float64]]:

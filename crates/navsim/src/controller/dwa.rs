@@ -7,8 +7,15 @@ use super::settings::DwaConfig;
 use super::{Limits, Sight};
 use std::f32::consts::PI;
 
-/// Weights of the original work.
-pub(super) const WEIGHTS_1997: [f64; 3] = [2.0, 0.2, 0.2];
+impl DwaConfig {
+    /// The original weights: 2 for the heading and 0.2 for the speed, each in [0, 1], and 0.2 for the free way, in metres
+    /// as far as the lidar sees (`range_max`). Shares of a way would let the robot turn 18 degrees from its goal at most.
+    /// The window is that of the original interval, 0.25 s; the heading is judged after 1 s. The rest is as it was.
+    pub(super) fn of_1997(self, range_max: f64) -> Self {
+        let (clearance, clearance_max) = (0.2 * range_max, range_max);
+        Self { heading: 2.0, clearance, speed: 0.2, horizon: 1.0, clearance_max, interval: 0.25, ..self }
+    }
+}
 
 /// The controller, with the memory that it works in.
 #[derive(Debug, Clone)]
@@ -17,7 +24,7 @@ pub(super) struct Dwa {
     arcs: Arcs,
 }
 
-/// Commands that the robot can reach within a period.
+/// Commands that the robot can reach within the interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Window {
     /// Smallest and largest forward speed, m/s.
@@ -27,10 +34,11 @@ struct Window {
 }
 
 impl Window {
-    /// What the acceleration limits leave of the rectangle [0, v_max] x [-omega_max, omega_max]; a limit of 0 is none.
-    pub fn new(limits: &Limits, [v, omega]: [f32; 2]) -> Self {
+    /// What the acceleration limits leave of the rectangle [0, v_max] x [-omega_max, omega_max] in `interval` seconds; a
+    /// limit of 0 is none.
+    pub fn new(limits: &Limits, [v, omega]: [f32; 2], interval: f32) -> Self {
         let reachable = |now: f32, acceleration: f32, least: f32, most: f32| {
-            let change = if acceleration > 0.0 { acceleration * limits.period } else { f32::INFINITY };
+            let change = if acceleration > 0.0 { acceleration * interval } else { f32::INFINITY };
             [(now - change).clamp(least, most), (now + change).clamp(least, most)]
         };
         Self {
@@ -40,16 +48,9 @@ impl Window {
     }
 }
 
-/// Way (m) that stopping from speed `v` takes, when braking begins after `reaction` seconds:
-/// v reaction + v^2 / (2 acceleration). Without a limit the robot then stops at once.
-fn stopping_way(v: f32, reaction: f32, acceleration: f32) -> f32 {
-    let braking = if acceleration > 0.0 { 0.5 * v * v / acceleration } else { 0.0 };
-    v * reaction + braking
-}
-
 /// Whether the robot can still stop on a free way (m).
-fn admissible(v: f32, way: f32, reaction: f32, acceleration: f32) -> bool {
-    v == 0.0 || stopping_way(v, reaction, acceleration) <= way
+fn admissible(limits: &Limits, v: f32, way: f32, reaction: f32) -> bool {
+    v == 0.0 || limits.stopping_way(v, reaction) <= way
 }
 
 impl Dwa {
@@ -57,14 +58,16 @@ impl Dwa {
         Self { config: config.clone(), arcs: Arcs::default() }
     }
 
-    /// The best admissible command; if none is, the slowest one with the longest free way.
+    /// The best admissible command, of which a period drives what the limits allow; if none is, the slowest one with the
+    /// longest free way.
     pub fn command(&mut self, limits: &Limits, sight: &Sight) -> [f32; 2] {
         let DwaConfig { v_samples, omega_samples, .. } = self.config;
-        let Window { v: [v_low, v_high], omega: [omega_low, omega_high] } = Window::new(limits, sight.velocity);
+        let Window { v: [v_low, v_high], omega: [omega_low, omega_high] } =
+            Window::new(limits, sight.velocity, self.config.interval as f32);
         // What lies beyond the goal does not matter.
         let reach = (self.config.clearance_max as f32).min(sight.goal_distance).max(1e-3);
         let reaction = self.config.reaction as f32;
-        let farthest = reach.max(stopping_way(v_high, reaction, limits.acceleration));
+        let farthest = reach.max(limits.stopping_way(v_high, reaction));
         self.arcs.prepare(sight.scene, limits.radius + self.config.margin as f32, farthest);
         let mut best = (f32::NEG_INFINITY, [0.0; 2]);
         let mut slowest = (f32::NEG_INFINITY, [v_low, 0.0]);
@@ -76,7 +79,7 @@ impl Dwa {
                 if i == 0 && way > slowest.0 {
                     slowest = (way, [v, omega]);
                 }
-                if admissible(v, way, reaction, limits.acceleration) {
+                if admissible(limits, v, way, reaction) {
                     let value = self.objective(limits, sight, [v, omega], way.min(reach) / reach);
                     if value > best.0 {
                         best = (value, [v, omega]);
@@ -129,20 +132,24 @@ mod tests {
     #[test]
     fn the_window_by_hand() {
         let close = |a: [f32; 2], b: [f32; 2]| (a[0] - b[0]).abs() < 1e-6 && (a[1] - b[1]).abs() < 1e-6;
-        let window = Window::new(&limits(1.0, 2.5), [0.45, -0.9]);
+        let window = Window::new(&limits(1.0, 2.5), [0.45, -0.9], 0.1);
         assert!(close(window.v, [0.35, 0.5]) && close(window.omega, [-1.0, -0.65]), "{window:?}");
-        assert_eq!(Window::new(&limits(0.0, 0.0), [0.45, -0.9]), Window { v: [0.0, 0.5], omega: [-1.0, 1.0] });
+        // Twice the time, twice the change.
+        let window = Window::new(&limits(1.0, 2.5), [0.1, 0.2], 0.2);
+        assert!(close(window.v, [0.0, 0.3]) && close(window.omega, [-0.3, 0.7]), "{window:?}");
+        assert_eq!(Window::new(&limits(0.0, 0.0), [0.45, -0.9], 0.1), Window { v: [0.0, 0.5], omega: [-1.0, 1.0] });
         // A speed beyond the limits still gives a window within them.
-        let window = Window::new(&limits(1.0, 2.5), [0.9, 0.0]);
+        let window = Window::new(&limits(1.0, 2.5), [0.9, 0.0], 0.1);
         assert_eq!(window.v, [0.5, 0.5]);
     }
 
     /// At 0.5 m/s, 0.1 s of reaction are 0.05 m and braking at 1 m/s^2 takes 0.125 m.
     #[test]
     fn the_braking_rule_by_hand() {
-        assert!(admissible(0.5, 0.1751, 0.1, 1.0) && !admissible(0.5, 0.1749, 0.1, 1.0));
-        assert!(admissible(0.5, 0.0501, 0.1, 0.0) && !admissible(0.5, 0.0499, 0.1, 0.0));
-        assert!(admissible(0.0, 0.0, 0.1, 1.0));
+        let (slow, sudden) = (limits(1.0, 2.5), limits(0.0, 0.0));
+        assert!(admissible(&slow, 0.5, 0.1751, 0.1) && !admissible(&slow, 0.5, 0.1749, 0.1));
+        assert!(admissible(&sudden, 0.5, 0.0501, 0.1) && !admissible(&sudden, 0.5, 0.0499, 0.1));
+        assert!(admissible(&slow, 0.0, 0.0, 0.1));
     }
 
     #[test]

@@ -28,7 +28,7 @@ use scene::{Eye, Scene};
 pub enum Kind {
     /// Dynamic window with the weights of the settings.
     Dwa,
-    /// Dynamic window with the weights of 1997: heading 2, clearance 0.2, speed 0.2.
+    /// Dynamic window with the weights of 1997: heading 2, free way 0.2 per metre, speed 0.2.
     Dwa1997,
     /// Artificial potential field.
     Apf,
@@ -82,6 +82,21 @@ struct Limits {
     angular_acceleration: f32,
     /// Control period, s.
     period: f32,
+}
+
+impl Limits {
+    /// Way (m) that stopping from speed `v` takes, when braking begins after `reaction` seconds:
+    /// v reaction + v^2 / (2 acceleration). Without a limit the robot then stops at once.
+    fn stopping_way(&self, v: f32, reaction: f32) -> f32 {
+        let braking = if self.acceleration > 0.0 { 0.5 * v * v / self.acceleration } else { 0.0 };
+        v * reaction + braking
+    }
+
+    /// Largest speed (m/s) with a stopping way of at most `way` (m); `reaction` > 0.
+    fn stopping_speed(&self, way: f32, reaction: f32) -> f32 {
+        let a = self.acceleration;
+        if a > 0.0 { a * (libm::sqrtf(reaction * reaction + 2.0 * way / a) - reaction) } else { way / reaction }
+    }
 }
 
 /// What one robot sees now.
@@ -166,10 +181,7 @@ impl Controller {
         };
         let law = match kind {
             Kind::Dwa => Law::Dwa(dwa::Dwa::new(&config.dwa)),
-            Kind::Dwa1997 => {
-                let [heading, clearance, speed] = dwa::WEIGHTS_1997;
-                Law::Dwa(dwa::Dwa::new(&DwaConfig { heading, clearance, speed, ..config.dwa.clone() }))
-            }
+            Kind::Dwa1997 => Law::Dwa(dwa::Dwa::new(&config.dwa.clone().of_1997(sim.lidar.range_max))),
             Kind::Apf => Law::Apf(config.apf.clone()),
             Kind::Gap => Law::Gap(gap::Gap::new(&config.gap)),
             Kind::Mppi => Law::Mppi(mppi::Mppi::new(&config.mppi, &limits)),

@@ -1,6 +1,6 @@
 //! Regulated pure pursuit (Macenski et al., "Regulated pure pursuit for robot path tracking", 2023; pure pursuit by
-//! Coulter, 1992): the arc to a point ahead on the path, slower on tight arcs and near the goal, and a stop before
-//! obstacles. It does not avoid.
+//! Coulter, 1992): the arc to a point ahead on the path, slower on tight arcs, near the goal and towards obstacles,
+//! before which it stops. It does not avoid.
 
 use super::scene::Arcs;
 use super::settings::PursuitConfig;
@@ -33,10 +33,27 @@ impl Pursuit {
         // Eq. 6's limit on omega, on the arc.
         let turning = if curvature == 0.0 { f32::INFINITY } else { limits.omega_max / curvature.abs() };
         let v = slowed.min(turning);
-        let reach = limits.v_max * config.stop_time as f32 + limits.v_max * limits.period;
-        self.arcs.prepare(sight.scene, limits.radius + config.margin as f32, reach);
-        // The way left once the period is over must last for `stop_time`, or end at the goal.
-        let way = self.arcs.free_way(curvature) - v * limits.period;
-        if way < (v * config.stop_time as f32).min(distance) { [0.0, 0.0] } else { [v, v * curvature] }
+        let way = self.free_way(limits, sight, curvature);
+        // What lies beyond the goal does not matter.
+        let v = if way < distance { v.min(limits.stopping_speed(way, self.reaction(limits))) } else { v };
+        [v, v * curvature]
+    }
+
+    /// Time (s) that passes before the robot brakes.
+    fn reaction(&self, limits: &Limits) -> f32 {
+        limits.period + self.config.stop_time as f32
+    }
+
+    /// Way (m) that is free along the arc, as far as it matters. A robot that is within the margin of an obstacle already
+    /// drives on where its arc passes everything at half of the clearance that it has, as one that starts beside a wall.
+    fn free_way(&mut self, limits: &Limits, sight: &Sight, curvature: f32) -> f32 {
+        let square = sight.scene.points().fold(f32::INFINITY, |least: f32, [x, y]| least.min(x * x + y * y));
+        let clearance = (libm::sqrtf(square) - limits.radius).max(0.0);
+        let margin = self.config.margin as f32;
+        let is_within = clearance < margin;
+        let kept = limits.radius + if is_within { 0.5 * clearance } else { margin };
+        self.arcs.prepare(sight.scene, kept, limits.stopping_way(limits.v_max, self.reaction(limits)));
+        let way = self.arcs.free_way(curvature);
+        if is_within && way.is_finite() { 0.0 } else { way }
     }
 }

@@ -40,6 +40,8 @@ pub struct DwaConfig {
     pub margin: f64,
     /// Time that the command acts before the robot can brake, s.
     pub reaction: f64,
+    /// Time in which the speeds of the window are reached, s.
+    pub interval: f64,
     /// Forward speeds that are tried.
     pub v_samples: usize,
     /// Turning speeds that are tried.
@@ -155,6 +157,7 @@ impl ControllersConfig {
             ("dwa.clearance_max", dwa.clearance_max, 1e-3..=1000.0),
             ("dwa.margin", dwa.margin, 0.0..=10.0),
             ("dwa.reaction", dwa.reaction, 0.0..=10.0),
+            ("dwa.interval", dwa.interval, 1e-3..=10.0),
             ("dwa.v_samples", dwa.v_samples as f64, 2.0..=1001.0),
             ("dwa.omega_samples", dwa.omega_samples as f64, 2.0..=1001.0),
             ("apf.repulsion", apf.repulsion, 0.0..=1e6),

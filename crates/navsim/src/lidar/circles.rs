@@ -5,29 +5,30 @@
 use super::draw::{Draws, LaneRuns, lane_and_block};
 use super::fan::Fan;
 use super::view::View;
-use crate::world::{BLOCK, Lanes, smaller};
+use crate::world::{BLOCK, Block, Lanes, smaller};
 use std::f32::consts::FRAC_PI_2;
 
 /// Draws the circles of a block.
 #[inline(always)]
-pub(super) fn draw(circles: &[Lanes; 3], view: View, fan: &Fan, draws: &mut Draws, ranges: &mut [Lanes]) {
+pub(super) fn draw(circles: &Block<3, BLOCK>, view: View, fan: &Fan, draws: &mut Draws, ranges: &mut [Lanes]) {
     let (center, runs) = set_up(circles, view, fan);
     for pair in draws.list(&runs, BLOCK) {
         let (lane, beams) = lane_and_block(*pair);
         let center = [center[0].0[lane], center[1].0[lane]];
-        draw_circle(center, circles[2].0[lane], &fan.directions[beams], &mut ranges[beams]);
+        draw_circle(center, circles.0[2][lane], &fan.directions[beams], &mut ranges[beams]);
     }
 }
 
 /// Centres in the lidar's frame and the beams that may meet each circle.
 #[inline(always)]
-fn set_up(circles: &[Lanes; 3], view: View, fan: &Fan) -> ([Lanes; 2], LaneRuns) {
+fn set_up(circles: &Block<3, BLOCK>, view: View, fan: &Fan) -> ([Lanes; 2], LaneRuns) {
+    let Block([xs, ys, radii]) = circles;
     let mut center = [Lanes::all(0.0); 2];
     let mut runs = LaneRuns::default();
     for i in 0..BLOCK {
-        let (x, y) = view.turn(circles[0].0[i] - view.x, circles[1].0[i] - view.y);
+        let (x, y) = view.turn(xs[i] - view.x, ys[i] - view.y);
         (center[0].0[i], center[1].0[i]) = (x, y);
-        let (distance, radius) = ((x * x + y * y).sqrt(), circles[2].0[i]);
+        let (distance, radius) = ((x * x + y * y).sqrt(), radii[i]);
         runs.set(i, fan.around(x, y, half_width(radius, distance)), radius > 0.0);
     }
     (center, runs)

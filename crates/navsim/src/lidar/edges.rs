@@ -6,7 +6,7 @@
 use super::draw::{Draws, LaneRuns, lane_and_block};
 use super::fan::Fan;
 use super::view::View;
-use crate::world::{BLOCK, Lanes, larger};
+use crate::world::{BLOCK, BOXES, Block, Lanes, larger};
 
 /// Edges that face the lidar and are not drawn yet, in its frame.
 #[derive(Debug, Clone)]
@@ -100,19 +100,19 @@ pub(super) trait EdgeBlock {
 }
 
 /// `Outline::edges`.
-impl EdgeBlock for [Lanes; 7] {
+impl EdgeBlock for Block<7, BLOCK> {
     #[inline(always)]
     fn turned(&self, view: View, fan: &Fan) -> (Turned, Seen) {
-        let [from_x, from_y, to_x, to_y, along_x, along_y, back] = self;
+        let Self([from_x, from_y, to_x, to_y, along_x, along_y, back]) = self;
         let mut turned = Turned::EMPTY;
         let mut seen = [0_u32; BLOCK];
         for i in 0..BLOCK {
-            let (ax, ay) = view.turn(from_x.0[i] - view.x, from_y.0[i] - view.y);
-            let (bx, by) = view.turn(to_x.0[i] - view.x, to_y.0[i] - view.y);
-            let (ex, ey) = view.turn(along_x.0[i], along_y.0[i]);
+            let (ax, ay) = view.turn(from_x[i] - view.x, from_y[i] - view.y);
+            let (bx, by) = view.turn(to_x[i] - view.x, to_y[i] - view.y);
+            let (ex, ey) = view.turn(along_x[i], along_y[i]);
             let cross = ax * ey - ay * ex;
             let behind = fan.is_behind(ax, ay) & fan.is_behind(bx, by);
-            let faces = (cross < 0.0) | (cross > back.0[i]);
+            let faces = (cross < 0.0) | (cross > back[i]);
             seen[i] = if faces & !behind { BIT[i] } else { 0 };
             for (row, value) in turned.0.iter_mut().zip([ax, ay, bx, by, ex, ey]) {
                 row.0[i] = value;
@@ -122,32 +122,43 @@ impl EdgeBlock for [Lanes; 7] {
     }
 }
 
-/// `Outline::faces`: of two opposite faces at most one is seen, the nearer one, if the lidar is not between their lines.
-impl EdgeBlock for [Lanes; 6] {
+/// `Outline::boxes`: of two opposite faces at most one is seen, the nearer one, if the lidar is not between their lines.
+/// The first half of the edges are the faces along the boxes, the second half those across.
+impl EdgeBlock for Block<6, BOXES> {
     #[inline(always)]
     fn turned(&self, view: View, fan: &Fan) -> (Turned, Seen) {
-        let [center_x, center_y, along_x, along_y, across_x, across_y] = self;
+        let Self([center_x, center_y, along_x, along_y, across_x, across_y]) = self;
         let mut turned = Turned::EMPTY;
         let mut seen = [0_u32; BLOCK];
-        for i in 0..BLOCK {
-            let (cx, cy) = view.turn(center_x.0[i] - view.x, center_y.0[i] - view.y);
-            let (ux, uy) = view.turn(along_x.0[i], along_y.0[i]);
-            let (wx, wy) = view.turn(across_x.0[i], across_y.0[i]);
-            // The corners are the centre and plus or minus these two, also for the other member of the box: neighbours
-            // share bit-equal corners.
-            let (px, py, qx, qy) = (ux + wx, uy + wy, ux - wx, uy - wy);
-            let (center, half) = (cx * uy - cy * ux, ux * wy - uy * wx);
-            let nearer = (center > 0.0) == (half > 0.0);
-            let (ax, ay) = if nearer { (cx - qx, cy - qy) } else { (cx - px, cy - py) };
-            let (bx, by) = if nearer { (cx + px, cy + py) } else { (cx + qx, cy + qy) };
-            let behind = fan.is_behind(ax, ay) & fan.is_behind(bx, by);
-            seen[i] = if (center.abs() > half.abs()) & !behind { BIT[i] } else { 0 };
-            for (row, value) in turned.0.iter_mut().zip([ax, ay, bx, by, 2.0 * ux, 2.0 * uy]) {
-                row.0[i] = value;
+        for i in 0..BOXES {
+            let center = view.turn(center_x[i] - view.x, center_y[i] - view.y);
+            let along = view.turn(along_x[i], along_y[i]);
+            let across = view.turn(across_x[i], across_y[i]);
+            for (lane, half, out) in [(i, along, across), (i + BOXES, across, along)] {
+                let ([ax, ay], [bx, by], outside) = nearer_face(center, half, out);
+                let behind = fan.is_behind(ax, ay) & fan.is_behind(bx, by);
+                seen[lane] = if outside & !behind { BIT[lane] } else { 0 };
+                for (row, value) in turned.0.iter_mut().zip([ax, ay, bx, by, 2.0 * half.0, 2.0 * half.1]) {
+                    row.0[lane] = value;
+                }
             }
         }
         (turned, seen.iter().fold(0, |bits, bit| bits | bit))
     }
+}
+
+/// Of the two faces of a box that run along `half` (from the middle of a face to its end) and lie `out` and minus `out`
+/// from the centre, the one on the lidar's side: its ends, m, and whether the lidar is beyond its line.
+#[inline(always)]
+fn nearer_face((cx, cy): (f32, f32), (ux, uy): (f32, f32), (wx, wy): (f32, f32)) -> ([f32; 2], [f32; 2], bool) {
+    // The corners are the centre and plus or minus these two, for either pair of faces: neighbours share bit-equal
+    // corners.
+    let (px, py, qx, qy) = (ux + wx, uy + wy, ux - wx, uy - wy);
+    let (center, half) = (cx * uy - cy * ux, ux * wy - uy * wx);
+    let nearer = (center > 0.0) == (half > 0.0);
+    let a = if nearer { [cx - qx, cy - qy] } else { [cx - px, cy - py] };
+    let b = if nearer { [cx + px, cy + py] } else { [cx + qx, cy + qy] };
+    (a, b, center.abs() > half.abs())
 }
 
 impl Turned {

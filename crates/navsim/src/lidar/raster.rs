@@ -14,7 +14,7 @@ use super::fan::Fan;
 use super::view::View;
 use super::walk::{Depth, Walk};
 use crate::cpu::Kernel;
-use crate::world::{BLOCK, Blocks, Lanes, Outline};
+use crate::world::{BLOCK, Block, Blocks, Lanes, Outline};
 
 /// Working memory of a scan, one for each thread.
 #[derive(Debug, Clone)]
@@ -78,7 +78,7 @@ impl Kernel for Scan<'_> {
 #[inline(always)]
 fn draw_edges(outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, scratch: &mut Scratch) {
     for outline in outlines {
-        draw_blocks(&outline.faces, shortcuts, view, fan, scratch);
+        draw_blocks(&outline.boxes, shortcuts, view, fan, scratch);
         draw_blocks(&outline.edges, shortcuts, view, fan, scratch);
     }
     let Scratch { depth, draws, facing, .. } = scratch;
@@ -87,9 +87,14 @@ fn draw_edges(outlines: [&Outline; 2], shortcuts: bool, view: View, fan: &Fan, s
 
 /// Draws the edges of `all` into the depth buffer, but for those that wait for more.
 #[inline(always)]
-fn draw_blocks<const ROWS: usize>(all: &Blocks<ROWS>, shortcuts: bool, view: View, fan: &Fan, scratch: &mut Scratch)
-where
-    [Lanes; ROWS]: EdgeBlock,
+fn draw_blocks<const ROWS: usize, const WIDTH: usize>(
+    all: &Blocks<ROWS, WIDTH>,
+    shortcuts: bool,
+    view: View,
+    fan: &Fan,
+    scratch: &mut Scratch,
+) where
+    Block<ROWS, WIDTH>: EdgeBlock,
 {
     let Scratch { depth, draws, facing, walk } = scratch;
     let blocks = all.blocks();

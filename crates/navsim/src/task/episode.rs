@@ -4,7 +4,7 @@ use super::observation::{goal_in_robot, write_extra};
 use super::odometry::Odometry;
 use super::reward::{Step, paper_reward, reward};
 use super::{EXTRA, Outcome};
-use crate::collision::{CONTACT, clearance, sweep};
+use crate::collision::{CONTACT, Clearance, clearance, measure, sweep};
 use crate::config::{CollisionRule, SimConfig, max_steps};
 use crate::error::{Error, Result};
 use crate::lidar::{Lidar, NoiseName, ScanBuffer, Surroundings};
@@ -19,7 +19,7 @@ const NUMBER_MAX: f64 = 1e12;
 
 /// Where episodes come from.
 #[derive(Debug, Clone)]
-pub enum Source {
+enum Source {
     /// Every episode of every robot draws a new scenario.
     Generator(Box<Generator>),
     /// Robot k runs scenario k, again at each reset.
@@ -68,7 +68,7 @@ pub struct Episode {
     moved: Vec<Shape>,
     goal_radius: f64,
     max_steps: u32,
-    clearance: f32,
+    clearance: Clearance,
     goal_distance: f64,
     /// Commands (v m/s, omega rad/s) that have been given and do not act yet, oldest first.
     waiting: Vec<[f64; 2]>,
@@ -185,8 +185,9 @@ impl Task {
         let noise = self.config.robot.odometry_noise;
         episode.odometry =
             (noise > 0.0).then(|| Odometry::new(episode.start, noise, &self.stream(Purpose::Odometry, robot, episode)));
-        episode.clearance = clearance(&self.footprint, &episode.pose, self.obstacles(robot, episode));
-        episode.statistics = Statistics { clearance: episode.clearance, ..Statistics::default() };
+        let clearance = clearance(&self.footprint, &episode.pose, self.obstacles(robot, episode));
+        episode.clearance = Clearance::exactly(clearance);
+        episode.statistics = Statistics { clearance, ..Statistics::default() };
         episode.goal_distance = self.observe(robot, episode, workspace, row).1;
         Ok(())
     }
@@ -210,7 +211,8 @@ impl Task {
         let wanted = episode.delayed(command(action, &self.config.robot));
         let velocity = limit_acceleration(wanted, episode.velocity, period, &self.config.robot);
         let arc = Arc { start: episode.pose, v: velocity[0], omega: velocity[1] };
-        let end = sweep(&self.footprint, &arc, period, self.obstacles(robot, episode), episode.clearance);
+        let (obstacles, smallest) = (self.obstacles(robot, episode), episode.statistics.clearance);
+        let end = sweep(&self.footprint, &arc, period, obstacles, episode.clearance, smallest);
 
         episode.pose = end.pose;
         if let Some(odometry) = &mut episode.odometry {
@@ -220,7 +222,8 @@ impl Task {
         episode.clearance = end.clearance;
         episode.statistics.steps += 1;
         episode.statistics.path += arc.v.abs() * end.time;
-        episode.statistics.clearance = episode.statistics.clearance.min(end.clearance);
+        // If it was not measured, it is more than the smallest.
+        episode.statistics.clearance = smallest.min(end.clearance.measured);
 
         let (nearest, goal_distance) = self.observe(robot, episode, workspace, row);
         let task = &self.config.task;
@@ -277,10 +280,15 @@ impl Task {
             obstacles: self.obstacles(robot, episode),
             world_from_robot: episode.pose,
             // The centre is at least as far from the nearest obstacle as the footprint is.
-            center_distance: episode.clearance,
+            center_distance: episode.clearance.at_least(),
         };
         let noise = NoiseName { stream, scan: episode.statistics.steps };
         self.lidar.scan(&around, &noise, &mut workspace.scan)
+    }
+
+    /// Distance (m) of the footprint from the nearest obstacle now.
+    pub fn clearance(&self, robot: usize, episode: &Episode) -> f32 {
+        measure(&self.footprint, &episode.pose, self.obstacles(robot, episode), &episode.clearance)
     }
 
     /// Random numbers of this episode.
@@ -314,11 +322,6 @@ impl Episode {
         self.odometry.map_or(self.pose, |odometry| odometry.pose)
     }
 
-    /// Distance (m) of the footprint from the nearest obstacle now.
-    pub fn clearance(&self) -> f32 {
-        self.clearance
-    }
-
     /// The command that acts when `given` is given.
     fn delayed(&mut self, given: [f64; 2]) -> [f64; 2] {
         if self.waiting.is_empty() {
@@ -345,7 +348,11 @@ impl Episode {
             ("start", [start.x, start.y, start.yaw]),
             ("velocity", [v, omega, 0.0]),
             ("goal", [goal_x, goal_y, self.goal_radius]),
-            ("distance", [self.goal_distance, f64::from(self.clearance), f64::from(self.statistics.clearance)]),
+            (
+                "distance",
+                [self.goal_distance, f64::from(self.clearance.measured), f64::from(self.statistics.clearance)],
+            ),
+            ("clearance", [f64::from(self.clearance.driven), 0.0, 0.0]),
             ("path", [self.statistics.path, self.statistics.paper_return, 0.0]),
         ];
         for (name, values) in numbers {
@@ -359,10 +366,7 @@ impl Episode {
 
     /// Prepares the moved shapes for queries, after a draw or when a stored episode was read back.
     pub fn prepare_moved(&mut self) {
-        self.obstacles.clear();
-        for shape in &self.moved {
-            self.obstacles.push(shape);
-        }
+        self.obstacles.refill(&self.moved);
     }
 }
 

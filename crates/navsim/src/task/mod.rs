@@ -5,9 +5,9 @@ mod observation;
 mod odometry;
 mod reward;
 
-pub use episode::{Episode, ObservationRow, Source, Statistics, Task, Workspace};
+pub use episode::{Episode, ObservationRow, Statistics, Task, Workspace};
 pub use observation::{EXTRA, goal_in_robot};
-pub use reward::{REPULSION_RANGE, Step, paper_reward, reward};
+pub use reward::{Step, paper_reward, reward};
 
 use serde::{Deserialize, Serialize};
 

@@ -4,7 +4,7 @@ use super::Outcome;
 use crate::config::{RewardConfig, RewardForm, RobotConfig};
 
 /// Below this range (m) of the nearest bin equation 5 takes effect.
-pub const REPULSION_RANGE: f64 = 1.0;
+const REPULSION_RANGE: f64 = 1.0;
 
 /// What a reward depends on.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,4 +1,4 @@
-//! Rows of numbers in blocks of sixteen members, as the scan kernels read them.
+//! Rows of numbers in blocks of members, as the scan kernels read them.
 
 use super::tree::{Tree, arrange};
 
@@ -30,21 +30,26 @@ pub(crate) fn smaller(a: f32, b: f32) -> f32 {
     f32::from_bits((a.to_bits() as i32).min(b.to_bits() as i32) as u32)
 }
 
-/// Members of `N` numbers each, sixteen to a block; unused places of the last block are zero.
+/// `ROWS` numbers of each of `WIDTH` members, row by row, from the start of a cache line on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(align(64))]
+pub(crate) struct Block<const ROWS: usize, const WIDTH: usize>(pub [[f32; WIDTH]; ROWS]);
+
+/// Members of `ROWS` numbers each, `WIDTH` to a block; unused places of the last block are zero.
 #[derive(Debug, Clone)]
-pub(crate) struct Blocks<const N: usize> {
-    blocks: Vec<[Lanes; N]>,
+pub(crate) struct Blocks<const ROWS: usize, const WIDTH: usize = BLOCK> {
+    blocks: Vec<Block<ROWS, WIDTH>>,
     len: usize,
     tree: Option<Box<Tree>>,
 }
 
-impl<const N: usize> Default for Blocks<N> {
+impl<const ROWS: usize, const WIDTH: usize> Default for Blocks<ROWS, WIDTH> {
     fn default() -> Self {
         Self { blocks: Vec::new(), len: 0, tree: None }
     }
 }
 
-impl<const N: usize> Blocks<N> {
+impl<const ROWS: usize, const WIDTH: usize> Blocks<ROWS, WIDTH> {
     /// Removes everything and keeps the memory.
     pub fn clear(&mut self) {
         self.blocks.clear();
@@ -52,24 +57,34 @@ impl<const N: usize> Blocks<N> {
         self.tree = None;
     }
 
+    /// Makes place for `members`, and for no more: what many robots have should lie close together.
+    pub fn reserve(&mut self, members: usize) {
+        self.blocks.reserve_exact((self.len + members).div_ceil(WIDTH) - self.blocks.len());
+    }
+
     /// Adds a member.
-    pub fn push(&mut self, member: [f32; N]) {
-        let lane = self.len % BLOCK;
+    pub fn push(&mut self, member: [f32; ROWS]) {
+        let lane = self.len % WIDTH;
         if lane == 0 {
-            self.blocks.push([Lanes::all(0.0); N]);
+            self.blocks.push(Block([[0.0; WIDTH]; ROWS]));
         }
         if let Some(block) = self.blocks.last_mut() {
-            for (row, value) in block.iter_mut().zip(member) {
-                row.0[lane] = value;
+            for (row, value) in block.0.iter_mut().zip(member) {
+                row[lane] = value;
             }
         }
         self.len += 1;
         self.tree = None;
     }
 
+    /// Number of members.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
     /// The blocks.
     #[inline(always)]
-    pub fn blocks(&self) -> &[[Lanes; N]] {
+    pub fn blocks(&self) -> &[Block<ROWS, WIDTH>] {
         &self.blocks
     }
 
@@ -81,14 +96,14 @@ impl<const N: usize> Blocks<N> {
 
     /// Reorders the members by place and builds a tree over them; `bounds` gives a member's [x0, y0, x1, y1], m. The
     /// next `push` removes the tree.
-    pub fn build_tree(&mut self, bounds: fn(&[f32; N]) -> [f32; 4]) {
-        let member = |i: usize| std::array::from_fn(|row| self.blocks[i / BLOCK][row].0[i % BLOCK]);
-        let mut members: Vec<[f32; N]> = (0..self.len).map(member).collect();
-        arrange(&mut members, bounds);
+    pub fn build_tree(&mut self, bounds: fn(&[f32; ROWS]) -> [f32; 4]) {
+        let member = |i: usize| self.blocks[i / WIDTH].0.map(|row| row[i % WIDTH]);
+        let mut members: Vec<[f32; ROWS]> = (0..self.len).map(member).collect();
+        arrange(&mut members, WIDTH, bounds);
         self.clear();
         for member in &members {
             self.push(*member);
         }
-        self.tree = Some(Box::new(Tree::new(members.iter().map(bounds))));
+        self.tree = Some(Box::new(Tree::new(members.iter().map(bounds), WIDTH)));
     }
 }

@@ -14,12 +14,12 @@ mod scenario;
 pub mod shapes;
 mod tree;
 
-pub(crate) use blocks::{BLOCK, Blocks, Lanes, larger, smaller};
+pub(crate) use blocks::{BLOCK, Block, Blocks, Lanes, larger, smaller};
 pub use file::{RandomBoxes, WorldFile};
 pub(crate) use free_space::rolling_clearance;
 pub use generator::{Generator, Layout};
 pub use obstacles::Obstacles;
-pub(crate) use outline::Outline;
+pub(crate) use outline::{BOXES, Outline};
 pub use scenario::{Scenario, ScenarioList};
 pub use shapes::Shape;
 pub(crate) use tree::Tree;

@@ -1,7 +1,7 @@
 //! Shapes prepared for the questions of a step: how near is the nearest one, and what does a beam meet.
 
-use super::blocks::{BLOCK, Blocks, Lanes};
-use super::outline::Outline;
+use super::blocks::{BLOCK, Block, Blocks};
+use super::outline::{BOXES, Outline};
 use super::shapes::Shape;
 use crate::cpu::prefetch;
 use crate::robot::Footprint;
@@ -17,12 +17,13 @@ const HIERARCHY_FROM: usize = 32;
 /// Solid obstacles and walls, ready for distance queries (parry) and for the scan kernels (outline).
 ///
 /// Static shapes are prepared once and shared by all robots of a world; moved boxes live in a second, small `Obstacles`
-/// of each robot that is cleared and refilled at a reset without allocating.
+/// of each robot that is refilled at a reset without allocating.
 #[derive(Debug, Clone, Default)]
 pub struct Obstacles {
+    /// Boxes first, as `outline.boxes` has them unless there is a hierarchy.
     placed: Vec<Placed>,
-    /// A disc around each shape: centre x, y and radius, m.
-    bounds: Blocks<3>,
+    /// A rectangle around each shape that is no box: [x0, y0, x1, y1], m.
+    bounds: Blocks<4>,
     hierarchy: Option<Box<Bvh>>,
     outline: Outline,
 }
@@ -59,9 +60,7 @@ impl Obstacles {
     /// Prepares `shapes`, which must have passed `Shape::validate`.
     pub fn new(shapes: &[Shape]) -> Self {
         let mut obstacles = Self::default();
-        for shape in shapes {
-            obstacles.push(shape);
-        }
+        obstacles.refill(shapes);
         if shapes.len() >= HIERARCHY_FROM {
             let boxes: Vec<Aabb> = obstacles.placed.iter().map(Placed::aabb).collect();
             obstacles.hierarchy = Some(Box::new(Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes)));
@@ -70,20 +69,25 @@ impl Obstacles {
         obstacles
     }
 
-    /// Removes all shapes and keeps the memory.
-    pub fn clear(&mut self) {
+    /// Takes `shapes`, which must have passed `Shape::validate`, in the place of what there was; keeps the memory, and
+    /// builds no hierarchy.
+    pub fn refill(&mut self, shapes: &[Shape]) {
         self.placed.clear();
         self.bounds.clear();
         self.hierarchy = None;
         self.outline.clear();
-    }
-
-    /// Adds a shape that has passed `Shape::validate`.
-    pub fn push(&mut self, shape: &Shape) {
-        self.hierarchy = None;
-        self.placed.push(Placed::new(shape));
-        self.bounds.push(bounding_disc(shape));
-        self.outline.push(shape);
+        let is_box = |shape: &&Shape| matches!(shape, Shape::Box { .. });
+        self.placed.reserve_exact(shapes.len());
+        self.outline.boxes.reserve(shapes.iter().filter(is_box).count());
+        for shape in shapes.iter().filter(is_box) {
+            self.placed.push(Placed::new(shape));
+            self.outline.push(shape);
+        }
+        for shape in shapes.iter().filter(|shape| !is_box(shape)) {
+            self.placed.push(Placed::new(shape));
+            self.bounds.push(bounding_rectangle(shape));
+            self.outline.push(shape);
+        }
     }
 
     /// Number of shapes.
@@ -154,16 +158,21 @@ impl Obstacles {
     }
 
     /// The smallest `distance` of a shape from something that reaches `reach` m around `point`, or `limit` if none is
-    /// smaller. Asks only about shapes that come near enough: sixteen discs are looked at together.
+    /// smaller. Asks only about shapes that come near enough: their bounds are looked at block by block.
     fn nearest_by(&self, point: Vector, reach: f32, limit: f32, distance: impl Fn(&Placed) -> f32) -> f32 {
+        let closest =
+            |nearest: f32, gaps: &[f32], placed: &[Placed]| {
+                gaps.iter().zip(placed).fold(nearest, |nearest, (gap, placed)| {
+                    if *gap < nearest { nearest.min(distance(placed)) } else { nearest }
+                })
+            };
+        let (boxes, others) = self.placed.split_at(self.outline.boxes.len());
         let mut nearest = limit;
-        for (discs, placed) in self.bounds.blocks().iter().zip(self.placed.chunks(BLOCK)) {
-            let gaps = gaps_to_discs(discs, point, reach);
-            for (gap, placed) in gaps.iter().zip(placed) {
-                if *gap < nearest {
-                    nearest = nearest.min(distance(placed));
-                }
-            }
+        for (block, placed) in self.outline.boxes.blocks().iter().zip(boxes.chunks(BOXES)) {
+            nearest = closest(nearest, &gaps_to_boxes(block, point, reach), placed);
+        }
+        for (rectangles, placed) in self.bounds.blocks().iter().zip(others.chunks(BLOCK)) {
+            nearest = closest(nearest, &gaps_to_rectangles(rectangles, point, reach), placed);
         }
         nearest
     }
@@ -199,23 +208,34 @@ impl Obstacles {
     }
 }
 
-/// A disc that certainly holds `shape`: centre x, y and radius, m.
-fn bounding_disc(shape: &Shape) -> [f32; 3] {
-    let [x0, y0, x1, y1] = shape.bounds();
-    let center = vector([0.5 * (x0 + x1), 0.5 * (y0 + y1)]);
-    // A circle's box has a larger diagonal than the circle needs; the bound only has to hold.
-    let radius = match shape {
-        Shape::Circle { radius, .. } => *radius as f32,
-        _ => 0.5 * libm::hypot(x1 - x0, y1 - y0) as f32,
-    };
-    [center.x, center.y, radius * 1.000_001 + 1e-6]
+/// More than what rounding takes from a bound: this (m), and this part of it.
+const ROUNDING: f32 = 2e-6;
+
+/// A rectangle that certainly holds `shape`: [x0, y0, x1, y1], m.
+fn bounding_rectangle(shape: &Shape) -> [f32; 4] {
+    let [x0, y0, x1, y1] = shape.bounds().map(|bound| bound as f32);
+    let slack = |bound: f32| ROUNDING * (1.0 + bound.abs());
+    [x0 - slack(x0), y0 - slack(y0), x1 + slack(x1), y1 + slack(y1)]
 }
 
-/// Distances (m) from sixteen discs to one of radius `reach` around `point`; negative where they overlap.
-fn gaps_to_discs([x, y, radius]: &[Lanes; 3], point: Vector, reach: f32) -> [f32; BLOCK] {
+/// Distances (m), or less, from eight boxes to a disc of radius `reach` around `point`; negative where they may overlap.
+fn gaps_to_boxes(Block(boxes): &Block<6, BOXES>, point: Vector, reach: f32) -> [f32; BOXES] {
+    let [x, y, along_x, along_y, across_x, across_y] = boxes;
     std::array::from_fn(|i| {
-        let (dx, dy) = (point.x - x.0[i], point.y - y.0[i]);
-        (dx * dx + dy * dy).sqrt() - radius.0[i] - reach
+        let (dx, dy) = (point.x - x[i], point.y - y[i]);
+        let (along, across) =
+            (along_x[i] * along_x[i] + along_y[i] * along_y[i], across_x[i] * across_x[i] + across_y[i] * across_y[i]);
+        (dx * dx + dy * dy).sqrt() - (along + across).sqrt() * (1.0 + ROUNDING) - ROUNDING - reach
+    })
+}
+
+/// Distances (m), or less, from sixteen rectangles to a disc of radius `reach` around `point`; not positive where they
+/// may overlap.
+fn gaps_to_rectangles(Block([x0, y0, x1, y1]): &Block<4, BLOCK>, point: Vector, reach: f32) -> [f32; BLOCK] {
+    let outside = |at: f32, low: f32, high: f32| (low - at).max(at - high).max(0.0);
+    std::array::from_fn(|i| {
+        let (dx, dy) = (outside(point.x, x0[i], x1[i]), outside(point.y, y0[i], y1[i]));
+        (dx * dx + dy * dy).sqrt() - reach
     })
 }
 

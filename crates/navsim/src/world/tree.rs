@@ -23,11 +23,11 @@ pub(crate) struct Tree {
 }
 
 impl Tree {
-    /// The tree over leaves of sixteen members each, whose bounds [x0, y0, x1, y1] (m) come in the order of `arrange`.
-    pub fn new(members: impl Iterator<Item = [f32; 4]>) -> Self {
+    /// The tree over leaves of `width` members each, whose bounds [x0, y0, x1, y1] (m) come in the order of `arrange`.
+    pub fn new(members: impl Iterator<Item = [f32; 4]>, width: usize) -> Self {
         let mut boxes: Vec<[f32; 4]> = members.map(loosened).collect();
         let mut levels = Vec::new();
-        boxes = boxes.chunks(BLOCK).map(union).collect();
+        boxes = boxes.chunks(width).map(union).collect();
         while levels.is_empty() || boxes.len() > 1 {
             levels.push(boxes.chunks(BLOCK).map(BoxBlock::new).collect());
             boxes = boxes.chunks(BLOCK).map(union).collect();
@@ -72,13 +72,13 @@ fn union(boxes: &[[f32; 4]]) -> [f32; 4] {
 }
 
 /// Puts members into an order where neighbours are near each other: halved again and again across the longer side, at
-/// places where full boxes of the highest possible level end.
-pub(crate) fn arrange<M: Copy>(members: &mut [M], bounds: fn(&M) -> [f32; 4]) {
+/// places where full boxes of the highest possible level end. Leaves hold `width` of them.
+pub(crate) fn arrange<M: Copy>(members: &mut [M], width: usize, bounds: fn(&M) -> [f32; 4]) {
     let len = members.len();
-    if len <= BLOCK {
+    if len <= width {
         return;
     }
-    let mut unit = BLOCK;
+    let mut unit = width;
     while unit * BLOCK < len {
         unit *= BLOCK;
     }
@@ -94,8 +94,8 @@ pub(crate) fn arrange<M: Copy>(members: &mut [M], bounds: fn(&M) -> [f32; 4]) {
     let middle = (len / 2).div_ceil(unit) * unit;
     members.select_nth_unstable_by(middle, |a, b| center(a, axis).total_cmp(&center(b, axis)));
     let (first, second) = members.split_at_mut(middle);
-    arrange(first, bounds);
-    arrange(second, bounds);
+    arrange(first, width, bounds);
+    arrange(second, width, bounds);
 }
 
 #[cfg(test)]
@@ -104,19 +104,20 @@ mod tests {
 
     #[test]
     fn every_box_holds_what_is_below_it() {
-        for count in [1_usize, 16, 17, 300, 4097, 5000] {
+        for (count, width) in [1_usize, 16, 17, 300, 4097, 5000].into_iter().flat_map(|count| [(count, 16), (count, 8)])
+        {
             let point = |i: usize| [(i * 7919 % 1000) as f32, (i * 104_729 % 997) as f32];
             let mut members: Vec<_> = (0..count).map(|i| (point(i), i)).collect();
-            arrange(&mut members, |([x, y], _)| [*x, *y, *x, *y]);
+            arrange(&mut members, width, |([x, y], _)| [*x, *y, *x, *y]);
             let mut seen: Vec<usize> = members.iter().map(|(_, i)| *i).collect();
             seen.sort_unstable();
             assert!(seen.iter().enumerate().all(|(i, j)| i == *j));
-            let tree = Tree::new(members.iter().map(|([x, y], _)| [*x, *y, *x, *y]));
+            let tree = Tree::new(members.iter().map(|([x, y], _)| [*x, *y, *x, *y]), width);
             let within = |block: &BoxBlock, lane: usize, point: [f32; 2]| {
                 (0..2).all(|axis| block.low[axis].0[lane] < point[axis] && point[axis] < block.high[axis].0[lane])
             };
             for (place, (point, _)) in members.iter().enumerate() {
-                let mut index = place / BLOCK;
+                let mut index = place / width;
                 for level in 1..=tree.height() {
                     assert!(within(tree.below(level, index / BLOCK), index % BLOCK, *point));
                     index /= BLOCK;

@@ -1,11 +1,11 @@
-"""Levels of difficulty under which contenders are compared: the same worlds, another robot."""
+"""Levels of difficulty: the same worlds, another robot. presets/real.toml holds classical settings found for it."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any, Literal, TypeVar, get_args
 
-from navrl.config import Config, SimConfig
+from navrl.config.tree import Config, SimConfig
 
 Level = Literal["ideal", "real"]
 LEVELS: tuple[Level, ...] = get_args(Level)
