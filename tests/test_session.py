@@ -37,13 +37,13 @@ def test_one_signal_saves_and_says_how_to_resume(
         command("train", *options("fast"), "--out", str(folder)), stderr=subprocess.PIPE, text=True
     )
     wait_for(folder / "metrics.csv", process)
-    while len((folder / "metrics.csv").read_text().splitlines()) < 4:
+    while len((folder / "metrics.csv").read_text().splitlines()) < 2:
         time.sleep(0.01)
     process.send_signal(number)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == interrupt.EXIT_CODE
     assert f"navrl train --resume {folder}" in errors
-    assert 600 <= Checkpoints(folder / "checkpoints").newest().record["counts"]["steps"] < 3000
+    assert 200 <= Checkpoints(folder / "checkpoints").newest().record["counts"]["steps"] < 3000
     # It goes on in a fresh process as if it had never been stopped.
     subprocess.run(command("train", "--resume", str(folder)), check=True, capture_output=True)
     assert_same(outcome(folder), whole["fast"])

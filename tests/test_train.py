@@ -1,12 +1,15 @@
 """The loop: limits, schedules, what is written, and one training that must learn."""
 
 import json
+import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from navrl import load_policy
 from navrl.config import SimConfig
@@ -14,11 +17,14 @@ from navrl.config.files import Option, load_config
 from navrl.errors import UserError
 from navrl.evaluate import Evaluation, evaluate
 from navrl.policy import Policy
+from navrl.running import beside
 from navrl.running import run as run_module
+from navrl.running.beside import Beside
 from navrl.running.folder import RunFolder
 from navrl.running.run import Run
 from navrl.running.session import resume, train
 from navrl.scenarios import ScenarioList, load_list
+from navrl.td3 import TD3, UpdateMetrics
 from short_runs import assert_same, outcome, small
 
 # Length, limits and what is written
@@ -72,6 +78,59 @@ def test_rows_come_at_fixed_steps_and_validations_within_them(whole: dict[str, d
         assert written == sorted({*range(period, steps + 1, period), steps})
         validated = [int(row["steps"]) for row in rows if row["validation_success"]]
         assert validated == sorted({*range(5 * period, steps + 1, 5 * period), steps})
+
+
+@pytest.mark.parametrize("late", ["robots", "updates", "neither, for they take turns"])
+def test_bits_do_not_depend_on_who_is_faster(
+    whole: dict[str, dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: str
+) -> None:
+    """Robots step beside updates; whoever is late, the run is the same."""
+    if late in ("robots", "updates"):
+        owner, name = (Run, "drive") if late == "robots" else (TD3, "update")
+        method = getattr(owner, name)
+
+        def slow(self: object, *arguments: object) -> object:
+            time.sleep(0.003)
+            return method(self, *arguments)
+
+        monkeypatch.setattr(owner, name, slow)
+        monkeypatch.setattr(beside, "WINDOW", -1)
+    else:
+        monkeypatch.setattr(Beside, "do", lambda _, aside, own: (aside(), own())[0])
+    train(small("fast"), tmp_path / "run", preset="fast", test=False)
+    assert_same(outcome(tmp_path / "run"), whole["fast"])
+
+
+def test_robots_act_before_the_updates_owed_and_updates_draw_from_earlier_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    act, update, drive = TD3.act, TD3.update, Run.drive
+    acted: list[int] = []
+    drawn: list[tuple[int, int]] = []
+    driven: list[threading.Thread] = []
+
+    def acting(self: TD3, encoded: NDArray[np.float32]) -> NDArray[np.float32]:
+        acted.append(self.updates)
+        return act(self, encoded)
+
+    def updating(self: TD3, count: int) -> UpdateMetrics:
+        drawn.append((len(acted), self.replay.added))
+        return update(self, count)
+
+    def driving(self: Run, actions: NDArray[np.float32]) -> None:
+        driven.append(threading.current_thread())
+        drive(self, actions)
+
+    monkeypatch.setattr(TD3, "act", acting)
+    monkeypatch.setattr(TD3, "update", updating)
+    monkeypatch.setattr(Run, "drive", driving)
+    rates = {"training__updates_per_step": "2.0", "learner__n_step": "1", "exploration__random_steps": "8"}
+    train(small("fast", training__steps="80", **rates), tmp_path / "run", preset="fast", test=False)
+    # 8 robots: step k (from 1) owes 2 updates, which are made after the robots have acted for step k + 1.
+    assert acted == [0, 0, *range(2, 18, 2)]
+    assert drawn == [*((step, 8 * (step - 1)) for step in range(2, 11)), (10, 80)]
+    # In a thread of their own, but for the steps that no update is owed for.
+    assert [thread is threading.main_thread() for thread in driven] == [True] + 9 * [False]
 
 
 def test_until_ends_a_run_at_the_second_validation_that_passes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,9 +1,10 @@
 """The training loop: act, step, store, update, evaluate, save.
 
-One robot with an update phase after each episode and many robots with interleaved updates are the same loop: steps owe
-updates, and owed updates come first. Each turn of the loop makes one move, after which the run can be saved; a run that
-is resumed there, in whatever process, makes the same moves to the same bits. `navrl.running.run` holds the parts of a
-run, `navrl.running.session` begins, resumes and ends it.
+Steps owe updates. One robot with an update phase after each episode makes them before its next step. Many robots with
+interleaved updates step beside the updates that the step before owed (`navrl.running.beside`): they act with the
+networks as these were before, and the updates draw from replay as it was before. Each turn of the loop makes one move,
+after which the run can be saved; a run that is resumed there, in whatever process, makes the same moves to the same
+bits. `navrl.running.run` holds the parts of a run, `navrl.running.session` begins, resumes and ends it.
 """
 
 from __future__ import annotations
@@ -11,12 +12,14 @@ from __future__ import annotations
 import time
 
 import numpy as np
+from numpy.typing import NDArray
 
 from navrl.evaluate import evaluate
 from navrl.machine import cores
 from navrl.metrics import Scores
 from navrl.policy import Policy, Weights, save_policy
 from navrl.replay import NonFiniteError, Transition
+from navrl.running.beside import Beside
 from navrl.running.interrupt import Interruption
 from navrl.running.metrics_log import MetricsLog
 from navrl.running.monitor import Monitor
@@ -30,6 +33,9 @@ UPDATES_PER_MOVE = 8
 
 class Training:
     """The moves of a run, and where they are shown, logged and interrupted."""
+
+    _beside: Beside
+    """Where the robots step."""
 
     def __init__(self, run: Run, *, log: MetricsLog, monitor: Monitor, interruption: Interruption) -> None:
         """Moves nothing yet.
@@ -49,37 +55,69 @@ class Training:
             KeyboardInterrupt: The user wants to stop; the run can be saved as it is.
             NonFiniteError: NaN or infinity.
         """
+        self.run.clock.start()
+        with Beside(self.monitor.line) as self._beside:
+            while self._move():
+                pass
+
+    def _move(self) -> bool:
+        """Makes a move; returns whether another one follows."""
         run, monitor = self.run, self.monitor
-        run.clock.start()
-        while True:
-            if self.interruption.requested:
-                raise KeyboardInterrupt
-            if time.monotonic() >= run.next_save:
-                run.save(self.log)
-            if monitor.due:
-                monitor.show(run.progress, run.metrics.rates(), run.share)
-            if run.counts.owed >= 1.0:
-                self._update()
-            elif run.report_due:
-                self._report()
-            elif run.ended_by:
-                return
-            else:
-                self._step()
+        if self.interruption.requested:
+            raise KeyboardInterrupt
+        if time.monotonic() >= run.next_save:
+            run.save(self.log)
+        if monitor.due:
+            monitor.show(run.progress, run.metrics.rates(), run.share)
+        if self._updates_first:
+            self._update()
+        elif run.report_due:
+            self._report()
+        elif run.ended_by:
+            return False
+        else:
+            self._step()
+        return True
+
+    @property
+    def _updates_first(self) -> bool:
+        """Whether updates are owed that cannot be made beside the next step: too many, or there is none."""
+        run = self.run
+        beside = run.config.training.update_schedule == "interleaved" and not run.ended_by
+        return run.counts.owed >= 1.0 + (UPDATES_PER_MOVE if beside else 0)
 
     def _step(self) -> None:
-        """Acts, steps the robots and stores what they met; owes updates for it."""
-        run, sim, counts = self.run, self.run.sim, self.run.counts
+        """Acts; lets the robots step while it makes updates; stores what they met, and owes updates for it."""
+        run, counts = self.run, self.run.counts
         run.learner.average_actor()
         # Act
-        actions = run.exploration.explore(run.learner.act(run.encoded), sim.observations, counts.steps)
+        actions = run.exploration.explore(run.learner.act(run.encoded), run.sim.observations, counts.steps)
         # Step
-        run.drive(actions)
-        ended = sim.terminated | sim.truncated
-        counts.steps += sim.num_envs
-        run.exploration.end_episodes(ended)
-        run.metrics.add_step(sim)
+        if counts.owed >= 1.0:
+            rows = self._beside.do(lambda: self._drive(actions), self._update)
+        else:
+            rows = self._drive(actions)
         # Store
+        run.replay.add(rows)
+        # Owe updates
+        training, sim = run.config.training, run.sim
+        if counts.steps >= run.config.exploration.random_steps and run.replay.size > 0:
+            interleaved = training.update_schedule == "interleaved"
+            ended = sim.terminated | sim.truncated
+            counts.owed += training.updates_per_step if interleaved else int(sim.episode_steps[ended].sum())
+        run.learner.set_progress(run.plan.share(counts.steps, run.metrics.episodes))
+
+    def _drive(self, actions: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Steps the robots, and assembles what they met to rows of replay (n, width); touches nothing that updates use.
+
+        Args:
+            actions: (num_envs, 2) in [-1, 1].
+        """
+        run, sim = self.run, self.run.sim
+        run.drive(actions)
+        run.counts.steps += sim.num_envs
+        run.exploration.end_episodes(sim.terminated | sim.truncated)
+        run.metrics.add_step(sim)
         transition = Transition(
             observations=run.encoded,
             actions=actions,
@@ -89,17 +127,12 @@ class Training:
             truncated=sim.truncated,
             outcome=sim.outcome,
         )
-        run.replay.add(run.assembler.push(transition))
+        rows = run.assembler.push(transition)
         run.encoded = run.encode(sim.observations)
         if not np.isfinite(run.encoded).all():
             robot = int(np.argwhere(~np.isfinite(run.encoded))[0, 0])
             raise NonFiniteError(f"observation of robot {robot} is not finite: {sim.observations[robot]}")
-        # Owe updates
-        training = run.config.training
-        if counts.steps >= run.config.exploration.random_steps and run.replay.size > 0:
-            interleaved = training.update_schedule == "interleaved"
-            counts.owed += training.updates_per_step if interleaved else int(sim.episode_steps[ended].sum())
-        run.learner.set_progress(run.plan.share(counts.steps, run.metrics.episodes))
+        return rows
 
     def _update(self) -> None:
         """Makes some of the updates that are owed."""

@@ -1,5 +1,6 @@
 //! A batch: rows of replay, drawn by index, with one column for each row drawn.
 
+use crate::kernels::product::{Matrix, transpose};
 use crate::real::Real;
 
 /// Numbers in an action: forward and turn (equation 1).
@@ -17,7 +18,9 @@ pub struct Mirror {
 /// The rows of one update.
 #[derive(Debug)]
 pub struct Batch<T> {
-    /// (width, size): observation, action, successor, return R, bootstrap factor.
+    /// (size, width): observation, action, successor, return R, bootstrap factor.
+    rows: Vec<T>,
+    /// (width, size) the same.
     columns: Vec<T>,
     inputs: usize,
     size: usize,
@@ -26,7 +29,8 @@ pub struct Batch<T> {
 impl<T: Real> Batch<T> {
     /// Memory for `size` rows with observations of `inputs` numbers.
     pub fn new(inputs: usize, size: usize) -> Self {
-        Self { columns: vec![T::ZERO; width(inputs) * size], inputs, size }
+        let memory = || vec![T::ZERO; width(inputs) * size];
+        Self { rows: memory(), columns: memory(), inputs, size }
     }
 
     /// Copies rows of `replay` (by rows) in, mirrored where `mirrored` says so.
@@ -34,24 +38,24 @@ impl<T: Real> Batch<T> {
     /// # Panics
     /// If an index is beyond replay, or a row is to be mirrored and there is no mirror.
     pub fn gather(&mut self, replay: &[f32], indices: &[i64], mirrored: &[bool], mirror: Option<&Mirror>) {
-        let (width, size) = (width(self.inputs), self.size);
-        for (place, (&index, &flip)) in indices.iter().zip(mirrored).enumerate() {
+        let width = width(self.inputs);
+        for ((numbers, &index), &flip) in self.rows.chunks_exact_mut(width).zip(indices).zip(mirrored) {
             let row = &replay[index as usize * width..][..width];
-            let places = self.columns[place..].iter_mut().step_by(size);
             match mirror {
                 Some(mirror) if flip => {
-                    for ((number, &from), &sign) in places.zip(&mirror.permutation).zip(&mirror.signs) {
+                    for ((number, &from), &sign) in numbers.iter_mut().zip(&mirror.permutation).zip(&mirror.signs) {
                         *number = T::of(f64::from(sign * row[from]));
                     }
                 }
                 _ => {
                     assert!(!flip, "a row to mirror without a mirror");
-                    for (number, &x) in places.zip(row) {
+                    for (number, &x) in numbers.iter_mut().zip(row) {
                         *number = T::of(f64::from(x));
                     }
                 }
             }
         }
+        transpose(&self.rows, width, &mut self.columns);
     }
 
     fn part(&self, first: usize, rows: usize) -> &[T] {
@@ -61,6 +65,11 @@ impl<T: Real> Batch<T> {
     /// (inputs, size).
     pub fn observations(&self) -> &[T] {
         self.part(0, self.inputs)
+    }
+
+    /// (size, inputs) the same as `observations`.
+    pub fn observation_rows(&self) -> Matrix<'_, T> {
+        Matrix::first_columns(&self.rows, self.inputs, width(self.inputs))
     }
 
     /// (2, size).

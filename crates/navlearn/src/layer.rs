@@ -57,9 +57,9 @@ impl Layer {
         through_relu(isa, upper, outputs, &mut gradient[self.biases()], batch);
     }
 
-    /// Sets the gradient of W from dL/d(W x + b).
-    pub fn weight_gradient<T: Real>(self, isa: Isa, upper: &[T], inputs: &[T], gradient: &mut [T], batch: usize) {
-        let inputs = Matrix::by_rows(inputs, batch).transposed();
+    /// Sets the gradient of W from dL/d(W x + b) and x^T (batch, inputs).
+    pub fn weight_gradient<T: Real>(self, isa: Isa, upper: &[T], inputs: Matrix<'_, T>, gradient: &mut [T]) {
+        let batch = upper.len() / self.outputs;
         multiply(isa, Matrix::by_rows(upper, batch), inputs, &mut gradient[self.weights()]);
     }
 

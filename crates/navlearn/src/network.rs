@@ -4,6 +4,7 @@
 //! networks and their targets in turn. `backward` needs the `forward` before it.
 
 use crate::batch::ACTIONS;
+use crate::kernels::product::{Matrix, transpose};
 use crate::kernels::{Isa, combined_relu, narrow, narrow_inputs, narrow_weights};
 use crate::layer::Layer;
 use crate::real::Real;
@@ -19,17 +20,19 @@ pub struct Actor<T> {
     values: Vec<Vec<T>>,
     /// dL/dy of each.
     uppers: Vec<Vec<T>>,
+    /// Room for y^T (batch, units) of one.
+    turned: Vec<T>,
     /// (2, batch) what goes into the output's tanh.
     pub outputs: Vec<T>,
 }
 
 impl<T: Real> Actor<T> {
-    /// Memory for batches of `batch` through `layers`, at least one, of which the last is the output.
+    /// Memory for batches of `batch` through `layers`, at least two, of which the last is the output.
     pub fn new(layers: &[Layer], batch: usize, isa: Isa) -> Self {
         let (output, hidden) = (layers[layers.len() - 1], &layers[..layers.len() - 1]);
         let memory = || hidden.iter().map(|layer| vec![T::ZERO; layer.outputs * batch]).collect();
-        let outputs = vec![T::ZERO; ACTIONS * batch];
-        Self { hidden: hidden.to_vec(), output, batch, isa, values: memory(), uppers: memory(), outputs }
+        let (outputs, turned) = (vec![T::ZERO; ACTIONS * batch], turned(hidden, batch));
+        Self { hidden: hidden.to_vec(), output, batch, isa, values: memory(), uppers: memory(), turned, outputs }
     }
 
     /// Computes `outputs` for `observations` (inputs, batch).
@@ -44,23 +47,34 @@ impl<T: Real> Actor<T> {
         narrow(self.isa, weight, Some(bias), inputs, &mut self.outputs, self.batch);
     }
 
-    /// Sets all gradients from `upper` (2, batch), dL/d outputs.
-    pub fn backward(&mut self, parameters: &[T], observations: &[T], upper: &[T], gradient: &mut [T]) {
-        let inputs = self.values.last().map_or(observations, Vec::as_slice);
-        backward_output(self.isa, self.output, upper, inputs, gradient, self.batch);
+    /// Sets all gradients from `upper` (2, batch), dL/d outputs; `observations` are (batch, inputs).
+    pub fn backward(&mut self, parameters: &[T], observations: Matrix<'_, T>, upper: &[T], gradient: &mut [T]) {
+        backward_output(self.isa, self.output, upper, &self.values[self.hidden.len() - 1], gradient, self.batch);
         if let Some(top) = self.uppers.last_mut() {
             narrow_inputs(self.isa, &parameters[self.output.weights()], upper, top, self.batch);
         }
         for (i, layer) in self.hidden.iter().enumerate().rev() {
             let (below, upper) = self.uppers.split_at_mut(i);
             layer.through_relu(self.isa, &mut upper[0], &self.values[i], gradient, self.batch);
-            let inputs = if i == 0 { observations } else { &self.values[i - 1] };
-            layer.weight_gradient(self.isa, &upper[0], inputs, gradient, self.batch);
+            let inputs = if i == 0 { observations } else { turn(&self.values[i - 1], &mut self.turned, self.batch) };
+            layer.weight_gradient(self.isa, &upper[0], inputs, gradient);
             if let Some(lower) = below.last_mut() {
                 layer.input_gradient(self.isa, parameters, &upper[0], lower, self.batch);
             }
         }
     }
+}
+
+/// Room for the transposed values of any of some layers.
+fn turned<T: Real>(layers: &[Layer], batch: usize) -> Vec<T> {
+    vec![T::ZERO; layers.iter().map(|layer| layer.outputs * batch).max().unwrap_or_default()]
+}
+
+/// y^T (batch, units) of `values` y (units, batch), in `room`.
+fn turn<'a, T: Real>(values: &[T], room: &'a mut [T], batch: usize) -> Matrix<'a, T> {
+    let room = &mut room[..values.len()];
+    transpose(values, batch, room);
+    Matrix::by_rows(room, values.len() / batch)
 }
 
 /// Sets the gradients of an output layer from `upper` (outputs, batch).
@@ -85,6 +99,8 @@ pub struct Critics<T> {
     values: Vec<Vec<T>>,
     /// dL/dy of each.
     uppers: Vec<Vec<T>>,
+    /// Room for y^T (batch, units) of one layer of one critic.
+    turned: Vec<T>,
     /// (critics, batch) Q(s, a).
     pub outputs: Vec<T>,
 }
@@ -111,8 +127,9 @@ impl<T: Real> Critics<T> {
     ) -> Self {
         let hidden = &layers[..layers.len() - 1];
         let memory = || hidden.iter().map(|layer| vec![T::ZERO; count * layer.outputs * batch]).collect();
-        let (values, uppers, outputs) = (memory(), memory(), vec![T::ZERO; count * batch]);
-        Self { layers, action_weight, frozen_combined, batch, isa, values, uppers, outputs }
+        let (values, uppers, turned) = (memory(), memory(), turned(hidden, batch));
+        let outputs = vec![T::ZERO; count * batch];
+        Self { layers, action_weight, frozen_combined, batch, isa, values, uppers, turned, outputs }
     }
 
     fn output(&self) -> Layer {
@@ -154,8 +171,16 @@ impl<T: Real> Critics<T> {
         }
     }
 
-    /// Sets the gradients of all trained parameters of all critics from `upper` (critics, batch), dL/dQ.
-    pub fn backward(&mut self, parameters: &[T], observations: &[T], actions: &[T], upper: &[T], gradient: &mut [T]) {
+    /// Sets the gradients of all trained parameters of all critics from `upper` (critics, batch), dL/dQ; `observations`
+    /// are (batch, inputs), `actions` (2, batch).
+    pub fn backward(
+        &mut self,
+        parameters: &[T],
+        observations: Matrix<'_, T>,
+        actions: &[T],
+        upper: &[T],
+        gradient: &mut [T],
+    ) {
         let (isa, batch, count) = (self.isa, self.batch, upper.len() / self.batch);
         for (critic, upper) in upper.chunks_exact(batch).enumerate() {
             let output = self.output().of_critic(critic);
@@ -167,7 +192,7 @@ impl<T: Real> Critics<T> {
                 let upper = part(&self.uppers[i], critic, layer.outputs * batch);
                 if i > 1 || !self.frozen_combined {
                     let inputs = part(&self.values[i - 1], critic, layer.inputs * batch);
-                    layer.weight_gradient(isa, upper, inputs, gradient, batch);
+                    layer.weight_gradient(isa, upper, turn(inputs, &mut self.turned, batch), gradient);
                     if i == 1 {
                         narrow_weights(isa, actions, upper, &mut gradient[self.action_weights(critic)], batch);
                     }
@@ -188,7 +213,7 @@ impl<T: Real> Critics<T> {
         }
         let first = self.layers[0].of_critics(count);
         first.through_relu(isa, &mut self.uppers[0], &self.values[0], gradient, batch);
-        first.weight_gradient(isa, &self.uppers[0], observations, gradient, batch);
+        first.weight_gradient(isa, &self.uppers[0], observations, gradient);
     }
 
     /// Sets dL/d(W x + b) of hidden layer `i` and the gradient of its b from the layer above, or the output's `upper`.
@@ -254,6 +279,13 @@ mod tests {
         }
     }
 
+    /// Observations (batch, inputs) from (inputs, batch).
+    fn by_rows(observations: &[f64]) -> Vec<f64> {
+        let mut rows = vec![0.0; observations.len()];
+        transpose(observations, BATCH, &mut rows);
+        rows
+    }
+
     fn weighted(outputs: &[f64], upper: &[f64]) -> f64 {
         outputs.iter().zip(upper).map(|(y, u)| y * u).sum()
     }
@@ -267,7 +299,8 @@ mod tests {
             let mut actor = Actor::new(&layers, BATCH, Isa::detect());
             let mut gradient = vec![f64::NAN; size];
             actor.forward(&parameters, &observations);
-            actor.backward(&parameters, &observations, &upper, &mut gradient);
+            let rows = by_rows(&observations);
+            actor.backward(&parameters, Matrix::by_rows(&rows, INPUTS), &upper, &mut gradient);
             compare(&parameters, &gradient, |moved| {
                 actor.forward(moved, &observations);
                 weighted(&actor.outputs, &upper)
@@ -286,7 +319,8 @@ mod tests {
                 let mut critics = Critics::new(layers, 0, false, count, BATCH, Isa::detect());
                 let mut gradient = vec![f64::NAN; size];
                 critics.forward(&parameters, &observations, &actions, count);
-                critics.backward(&parameters, &observations, &actions, &upper, &mut gradient);
+                let rows = by_rows(&observations);
+                critics.backward(&parameters, Matrix::by_rows(&rows, INPUTS), &actions, &upper, &mut gradient);
                 compare(&parameters, &gradient, |moved| {
                     critics.forward(moved, &observations, &actions, count);
                     weighted(&critics.outputs, &upper)
@@ -310,7 +344,9 @@ mod tests {
             (numbers(INPUTS * BATCH, 0.5), numbers(ACTIONS * BATCH, 0.6), numbers(size, 0.4));
         let mut gradient = vec![0.0; size];
         critics.forward(&parameters, &observations, &actions, 2);
-        critics.backward(&parameters, &observations, &actions, &numbers(2 * BATCH, 0.7), &mut gradient);
+        let rows = by_rows(&observations);
+        let upper = numbers(2 * BATCH, 0.7);
+        critics.backward(&parameters, Matrix::by_rows(&rows, INPUTS), &actions, &upper, &mut gradient);
         let combined = layers[1].of_critics(2);
         let frozen = [0..2 * ACTIONS * 6, combined.weights(), combined.biases()];
         assert!(frozen.into_iter().all(|range| gradient[range].iter().all(|&g| g == 0.0)));

@@ -7,7 +7,7 @@ use crate::layer::Layer;
 /// What the update depends on besides parameters and draws.
 #[derive(Debug, Clone)]
 pub struct Settings {
-    /// Layers of the actor in its packed vector, the output last; hidden layers of any number.
+    /// Layers of the actor in its packed vector: hidden ones, at least one, and the output.
     pub actor: Vec<Layer>,
     /// Layers of the first critic in the critics' packed vector: observation, combined, further ones, output.
     pub critic: Vec<Layer>,
@@ -44,7 +44,7 @@ impl Settings {
     /// # Errors
     /// Names what does not fit.
     pub fn check(&self) -> Result<()> {
-        expect("layers of the actor", self.actor.len(), !self.actor.is_empty(), || "at least 1".into())?;
+        expect("layers of the actor", self.actor.len(), self.actor.len() >= 2, || "at least 2".into())?;
         expect("layers of a critic", self.critic.len(), self.critic.len() >= 3, || "at least 3".into())?;
         expect("critics", self.critics, (1..=2).contains(&self.critics), || "1 or 2".into())?;
         expect("rows of a batch", self.batch, self.batch >= 1, || "at least 1".into())?;

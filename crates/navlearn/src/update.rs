@@ -4,7 +4,7 @@ use crate::act::Acting;
 use crate::adam::{Moments, Step};
 use crate::batch::{ACTIONS, Batch, width};
 use crate::error::{Error, Result, expect, expect_size};
-use crate::kernels::{Isa, adam, adam_and_follow, all_finite};
+use crate::kernels::{Isa, adam, adam_and_follow, all_finite, rows_finite};
 use crate::network::{Actor, Critics};
 use crate::real::Real;
 use crate::settings::Settings;
@@ -198,7 +198,7 @@ impl<T: Real> Learner<T> {
             return Err(overflow);
         }
         let gradient = &mut self.critic_gradient;
-        let (observations, actions) = (self.batch.observations(), self.batch.actions());
+        let (observations, actions) = (self.batch.observation_rows(), self.batch.actions());
         self.critics.backward(critics.parameters, observations, actions, &self.value_upper, gradient);
         if !all_finite(self.isa, gradient) {
             return Err(overflow);
@@ -237,7 +237,7 @@ impl<T: Real> Learner<T> {
         }
         let value: f64 = self.critics.outputs[..batch].iter().map(|q| q.wide()).sum();
         let gradient = &mut self.actor_gradient;
-        self.actor.backward(actor.parameters, self.batch.observations(), &self.action_upper, gradient);
+        self.actor.backward(actor.parameters, self.batch.observation_rows(), &self.action_upper, gradient);
         if !value.is_finite() || !all_finite(self.isa, &self.action_upper) || !all_finite(self.isa, gradient) {
             return Err(overflow);
         }
@@ -270,16 +270,15 @@ impl<T: Real> Learner<T> {
             return Err(Error::Noise { place });
         }
         let rows = draws.replay.len() / width;
-        for &index in draws.indices {
-            let row = index as usize;
-            expect("an index", row, row < rows, || format!("less than {rows}"))?;
-            let numbers = &draws.replay[row * width..][..width];
-            if !all_finite(self.isa, numbers) {
-                let column = numbers.iter().position(|x| !x.is_finite()).unwrap_or_default();
-                return Err(Error::Row { row, column });
-            }
+        let farthest = draws.indices.iter().map(|&index| index as usize).max().unwrap_or_default();
+        expect("an index", farthest, farthest < rows, || format!("less than {rows}"))?;
+        if rows_finite(self.isa, draws.replay, width, draws.indices) {
+            return Ok(());
         }
-        Ok(())
+        let columns = |&index: &i64| draws.replay[index as usize * width..][..width].iter();
+        let bad = |index| columns(index).position(|x| !x.is_finite()).map(|column| (*index as usize, column));
+        let (row, column) = draws.indices.iter().find_map(bad).unwrap_or_default();
+        Err(Error::Row { row, column })
     }
 }
 

@@ -76,8 +76,21 @@ pub fn narrow<T: Real>(weight: &[T], bias: Option<&[T]>, inputs: &[T], outputs: 
     let units = inputs.len() / batch;
     for (i, (row, weights)) in outputs.chunks_exact_mut(batch).zip(weight.chunks_exact(units)).enumerate() {
         row.fill(bias.map_or(T::ZERO, |bias| bias[i]));
+        let (blocks, rest) = row.as_chunks_mut::<{ 2 * LANES }>();
+        let first_of_rest = blocks.len() * 2 * LANES;
+        for (block, ys) in blocks.iter_mut().enumerate() {
+            // A copy, so that the sums stay in registers
+            let mut sums = *ys;
+            for (inputs, &w) in inputs.chunks_exact(batch).zip(weights) {
+                let (inputs, _) = inputs[block * 2 * LANES..].as_chunks::<{ 2 * LANES }>();
+                for (y, &x) in sums.iter_mut().zip(&inputs[0]) {
+                    *y += w * x;
+                }
+            }
+            *ys = sums;
+        }
         for (inputs, &w) in inputs.chunks_exact(batch).zip(weights) {
-            for (y, &x) in row.iter_mut().zip(inputs) {
+            for (y, &x) in rest.iter_mut().zip(&inputs[first_of_rest..]) {
                 *y += w * x;
             }
         }
@@ -139,6 +152,16 @@ pub fn adam_and_follow<T: Real>(
         // Eq. 10: theta' <- tau theta + (1 - tau) theta'
         *target = (*target + tau * (*p - *target)).settled();
     }
+}
+
+#[inline(always)]
+pub fn rows_finite<T: Real>(numbers: &[T], width: usize, rows: &[i64]) -> bool {
+    // Never left early: the processor fetches many rows from memory side by side.
+    rows.iter().fold(true, |all, &row| {
+        let (blocks, rest) = numbers[row as usize * width..][..width].as_chunks::<LANES>();
+        let whole = blocks.iter().flatten().fold(true, |all, x| all & x.finite());
+        all & rest.iter().fold(whole, |all, x| all & x.finite())
+    })
 }
 
 #[inline(always)]

@@ -76,6 +76,10 @@ dispatched! {
     )
 }
 dispatched! {
+    /// Whether no number is NaN or infinite in some rows of `width` numbers each.
+    rows_finite(numbers: &[T], width: usize, rows: &[i64]) -> bool
+}
+dispatched! {
     /// Whether no number is NaN or infinite.
     all_finite(numbers: &[T]) -> bool
 }

@@ -21,8 +21,20 @@ impl<'a, T> Matrix<'a, T> {
     /// # Panics
     /// If they are no whole number of rows.
     pub fn by_rows(values: &'a [T], columns: usize) -> Self {
-        assert!(columns > 0 && values.len().is_multiple_of(columns), "{} values in rows of {columns}", values.len());
-        Self { values, rows: values.len() / columns, columns, row_stride: columns, column_stride: 1 }
+        Self::first_columns(values, columns, columns)
+    }
+
+    /// The first `columns` of rows of `stride` numbers each.
+    ///
+    /// # Panics
+    /// If they are no whole number of rows, or have fewer columns.
+    pub fn first_columns(values: &'a [T], columns: usize, stride: usize) -> Self {
+        assert!(
+            (1..=stride).contains(&columns) && values.len().is_multiple_of(stride),
+            "{columns} columns of {} values in rows of {stride}",
+            values.len()
+        );
+        Self { values, rows: values.len() / stride, columns, row_stride: stride, column_stride: 1 }
     }
 
     /// The same numbers with rows and columns exchanged.
@@ -59,37 +71,41 @@ pub trait Multiply: Copy + Default + 'static {
     unsafe fn gemm(isa: Isa, sizes: Sizes, a: *const Self, b: *const Self, c: *mut Self);
 }
 
-/// Copies `columns` numbers of each row of a matrix, with a stride of `width`; the rest of each row becomes 0.
-fn padded<T: Multiply>(first: &[T], stride: usize, rows: usize, columns: usize, width: usize) -> Vec<T> {
-    let mut copy = vec![T::default(); rows * width];
-    for (to, from) in copy.chunks_exact_mut(width).zip(first.chunks(stride)) {
-        to[..columns].copy_from_slice(&from[..columns]);
-    }
-    copy
-}
-
 /// Makes a product of tiles for one type and instruction set: of `$rows` rows, or one, of up to `$vectors`
-/// vectors of `$lanes` numbers each, as many as its registers hold.
+/// vectors of `$lanes` numbers each, as many as its registers hold. Where the columns end within a vector, `$mask` (from
+/// their number) tells `$load_part` and `$store_part` which numbers of the last vector there are.
 #[cfg(target_arch = "x86_64")]
 macro_rules! tiles {
     ($name:ident: $type:ident, $features:literal, $rows:literal rows of $vectors:literal vectors of $lanes:literal,
-     $zero:ident, $load:ident, $store:ident, $splat:ident, $fma:ident) => {
+     $zero:ident, $load:ident, $store:ident, $splat:ident, $fma:ident,
+     $mask:ident -> $masks:ty, $load_part:ident, $store_part:ident) => {
         mod $name {
-            use super::{Sizes, padded};
+            use super::Sizes;
+            #[allow(unused_imports, reason = "each uses the ways to mask of its own instruction set")]
+            use super::parts::*;
             use std::arch::x86_64::*;
 
-            /// R rows of V vectors of C.
+            /// R rows of V vectors of C, of which the last has only the numbers of `mask` if PART.
             ///
             /// # Safety
-            /// As of `Multiply::gemm`, for sizes of R rows and V vectors of columns.
+            /// As of `Multiply::gemm`, for sizes of R rows and these columns.
             #[target_feature(enable = $features)]
-            unsafe fn tile<const R: usize, const V: usize>(s: Sizes, a: *const $type, b: *const $type, c: *mut $type) {
+            unsafe fn tile<const R: usize, const V: usize, const PART: bool>(
+                s: Sizes,
+                a: *const $type,
+                b: *const $type,
+                c: *mut $type,
+                mask: $masks,
+            ) {
                 let mut sums = [[$zero(); V]; R];
                 for k in 0..s.depth {
                     let mut row = [$zero(); V];
                     for (j, vector) in row.iter_mut().enumerate() {
-                        // SAFETY: row k < depth of B, vector j < V of its columns.
-                        *vector = unsafe { $load(b.add(k * s.b_stride + j * $lanes)) };
+                        // SAFETY: row k < depth of B, vector j < V of its columns, or the part of it that there is.
+                        *vector = unsafe {
+                            let place = b.add(k * s.b_stride + j * $lanes);
+                            if PART && j == V - 1 { $load_part(mask, place) } else { $load(place) }
+                        };
                     }
                     for (i, sums) in sums.iter_mut().enumerate() {
                         // SAFETY: element (i, k) of A, i < R and k < depth.
@@ -101,94 +117,140 @@ macro_rules! tiles {
                 }
                 for (i, sums) in sums.iter().enumerate() {
                     for (j, &sum) in sums.iter().enumerate() {
-                        // SAFETY: row i < R of C, vector j < V of its columns.
-                        unsafe { $store(c.add(i * s.c_stride + j * $lanes), sum) };
+                        // SAFETY: row i < R of C, vector j < V of its columns, or the part of it that there is.
+                        unsafe {
+                            let place = c.add(i * s.c_stride + j * $lanes);
+                            if PART && j == V - 1 { $store_part(place, mask, sum) } else { $store(place, sum) }
+                        }
                     }
                 }
             }
 
-            /// All rows of V vectors of C.
+            /// All rows of V vectors of C, the last one as in `tile`.
             ///
             /// # Safety
-            /// As of `Multiply::gemm`, for V vectors of columns.
+            /// As of `Multiply::gemm`, for these columns.
             #[target_feature(enable = $features)]
-            unsafe fn panel<const V: usize>(s: Sizes, a: *const $type, b: *const $type, c: *mut $type) {
+            unsafe fn panel<const V: usize, const PART: bool>(
+                s: Sizes,
+                a: *const $type,
+                b: *const $type,
+                c: *mut $type,
+                mask: $masks,
+            ) {
                 let mut row = 0;
                 while row < s.rows {
                     // SAFETY: the rows from `row` on, as many as the tile has, are rows of A and C.
                     unsafe {
                         let (a, c) = (a.add(row * s.a_strides[0]), c.add(row * s.c_stride));
                         if s.rows - row >= $rows {
-                            tile::<$rows, V>(s, a, b, c);
+                            tile::<$rows, V, PART>(s, a, b, c, mask);
                             row += $rows;
                         } else {
-                            tile::<1, V>(s, a, b, c);
+                            tile::<1, V, PART>(s, a, b, c, mask);
                             row += 1;
                         }
                     }
                 }
             }
 
-            /// The whole product; a last part of a vector goes through copies that fill one.
+            /// The whole product.
             ///
             /// # Safety
             /// As of `Multiply::gemm`.
             #[target_feature(enable = $features)]
             pub unsafe fn product(s: Sizes, a: *const $type, b: *const $type, c: *mut $type) {
-                let mut first = 0;
-                while s.columns - first >= $lanes {
+                let (mut first, mask) = (0, $mask(s.columns % $lanes));
+                while first < s.columns {
+                    let left = s.columns - first;
+                    let vectors = match left.div_ceil($lanes) {
+                        1 => 1,
+                        2 | 4 => 2,
+                        _ => $vectors,
+                    };
                     // SAFETY: the columns from `first` on, as many as the panel has, are columns of B and C.
                     unsafe {
                         let (b, c) = (b.add(first), c.add(first));
-                        let vectors = match (s.columns - first) / $lanes {
-                            1 => {
-                                panel::<1>(s, a, b, c);
-                                1
-                            }
-                            2 | 4 => {
-                                panel::<2>(s, a, b, c);
-                                2
-                            }
-                            _ => {
-                                panel::<$vectors>(s, a, b, c);
-                                $vectors
-                            }
-                        };
-                        first += vectors * $lanes;
+                        match (vectors, left < vectors * $lanes) {
+                            (1, false) => panel::<1, false>(s, a, b, c, mask),
+                            (1, true) => panel::<1, true>(s, a, b, c, mask),
+                            (2, false) => panel::<2, false>(s, a, b, c, mask),
+                            (2, true) => panel::<2, true>(s, a, b, c, mask),
+                            (_, false) => panel::<$vectors, false>(s, a, b, c, mask),
+                            (_, true) => panel::<$vectors, true>(s, a, b, c, mask),
+                        }
                     }
-                }
-                let rest = s.columns - first;
-                if rest > 0 {
-                    // SAFETY: from column `first` of the first row on, the last row ends `rest` numbers after its start there.
-                    let b = unsafe { std::slice::from_raw_parts(b.add(first), (s.depth - 1) * s.b_stride + rest) };
-                    let b = padded(b, s.b_stride, s.depth, rest, $lanes);
-                    let mut copy = vec![$type::default(); s.rows * $lanes];
-                    let inner = Sizes { columns: $lanes, b_stride: $lanes, c_stride: $lanes, ..s };
-                    // SAFETY: B and C are the copies, of one vector's columns.
-                    unsafe { panel::<1>(inner, a, b.as_ptr(), copy.as_mut_ptr()) };
-                    for (row, numbers) in copy.chunks_exact($lanes).enumerate() {
-                        // SAFETY: the last `rest` columns of a row of C.
-                        let to = unsafe { std::slice::from_raw_parts_mut(c.add(row * s.c_stride + first), rest) };
-                        to.copy_from_slice(&numbers[..rest]);
-                    }
+                    first += vectors * $lanes;
                 }
             }
         }
     };
 }
 
+/// Vectors of which only the first numbers are there.
+#[cfg(target_arch = "x86_64")]
+mod parts {
+    use std::arch::x86_64::*;
+
+    /// For f32 with AVX-512.
+    pub fn first_16(count: usize) -> __mmask16 {
+        (1 << count) - 1
+    }
+
+    /// For f64 with AVX-512.
+    pub fn first_8(count: usize) -> __mmask8 {
+        (1 << count) - 1
+    }
+
+    /// For f32 with AVX2.
+    #[target_feature(enable = "avx2")]
+    pub fn first_of_8(count: usize) -> __m256i {
+        _mm256_cmpgt_epi32(_mm256_set1_epi32(count as i32), _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7))
+    }
+
+    /// For f64 with AVX2.
+    #[target_feature(enable = "avx2")]
+    pub fn first_of_4(count: usize) -> __m256i {
+        _mm256_cmpgt_epi64(_mm256_set1_epi64x(count as i64), _mm256_setr_epi64x(0, 1, 2, 3))
+    }
+
+    /// `_mm256_maskload_ps` with its arguments as those of AVX-512 lie.
+    ///
+    /// # Safety
+    /// The numbers that the mask names may be read.
+    #[target_feature(enable = "avx2")]
+    pub unsafe fn load_part_ps(mask: __m256i, place: *const f32) -> __m256 {
+        // SAFETY: the caller's promise.
+        unsafe { _mm256_maskload_ps(place, mask) }
+    }
+
+    /// `_mm256_maskload_pd`, in the same way.
+    ///
+    /// # Safety
+    /// The numbers that the mask names may be read.
+    #[target_feature(enable = "avx2")]
+    pub unsafe fn load_part_pd(mask: __m256i, place: *const f64) -> __m256d {
+        // SAFETY: the caller's promise.
+        unsafe { _mm256_maskload_pd(place, mask) }
+    }
+}
+
 #[cfg(target_arch = "x86_64")]
 tiles!(f32_avx512: f32, "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma", 8 rows of 3 vectors of 16,
-    _mm512_setzero_ps, _mm512_loadu_ps, _mm512_storeu_ps, _mm512_set1_ps, _mm512_fmadd_ps);
+    _mm512_setzero_ps, _mm512_loadu_ps, _mm512_storeu_ps, _mm512_set1_ps, _mm512_fmadd_ps,
+    first_16 -> __mmask16, _mm512_maskz_loadu_ps, _mm512_mask_storeu_ps);
 #[cfg(target_arch = "x86_64")]
 tiles!(f64_avx512: f64, "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma", 8 rows of 3 vectors of 8,
-    _mm512_setzero_pd, _mm512_loadu_pd, _mm512_storeu_pd, _mm512_set1_pd, _mm512_fmadd_pd);
+    _mm512_setzero_pd, _mm512_loadu_pd, _mm512_storeu_pd, _mm512_set1_pd, _mm512_fmadd_pd,
+    first_8 -> __mmask8, _mm512_maskz_loadu_pd, _mm512_mask_storeu_pd);
 #[cfg(target_arch = "x86_64")]
 tiles!(f32_avx2: f32, "avx2,fma", 6 rows of 2 vectors of 8,
-    _mm256_setzero_ps, _mm256_loadu_ps, _mm256_storeu_ps, _mm256_set1_ps, _mm256_fmadd_ps);
+    _mm256_setzero_ps, _mm256_loadu_ps, _mm256_storeu_ps, _mm256_set1_ps, _mm256_fmadd_ps,
+    first_of_8 -> __m256i, load_part_ps, _mm256_maskstore_ps);
 #[cfg(target_arch = "x86_64")]
 tiles!(f64_avx2: f64, "avx2,fma", 6 rows of 2 vectors of 4,
-    _mm256_setzero_pd, _mm256_loadu_pd, _mm256_storeu_pd, _mm256_set1_pd, _mm256_fmadd_pd);
+    _mm256_setzero_pd, _mm256_loadu_pd, _mm256_storeu_pd, _mm256_set1_pd, _mm256_fmadd_pd,
+    first_of_4 -> __m256i, load_part_pd, _mm256_maskstore_pd);
 
 macro_rules! multiply {
     ($type:ident, $gemm:path, $avx2:ident, $avx512:ident) => {
@@ -218,51 +280,59 @@ macro_rules! multiply {
 multiply!(f32, matrixmultiply::sgemm, f32_avx2, f32_avx512);
 multiply!(f64, matrixmultiply::dgemm, f64_avx2, f64_avx512);
 
-/// Computes `product` = A B, by rows.
+/// Computes `product` = A B, by rows; B lies by rows, A in any order.
 ///
 /// # Panics
-/// If the sizes do not fit each other.
+/// If the sizes do not fit each other, or B lies by columns.
 pub fn multiply<T: Multiply>(isa: Isa, a: Matrix<'_, T>, b: Matrix<'_, T>, product: &mut [T]) {
     assert!(a.columns == b.rows && a.columns > 0, "inner sizes of a product");
-    assert!(product.len() == a.rows * b.columns && b.columns > 0, "size of a product");
-    assert!(a.values.len() == a.rows * a.columns && b.values.len() == b.rows * b.columns, "sizes of factors");
-    let turned;
-    let b_values = if b.column_stride == 1 {
-        b.values
-    } else {
-        turned = by_rows(b);
-        &turned
-    };
+    assert!(a.rows > 0 && product.len() == a.rows * b.columns, "size of a product");
+    assert!(b.column_stride == 1, "order of a factor");
+    for factor in [a, b] {
+        let last = (factor.rows - 1) * factor.row_stride + (factor.columns - 1) * factor.column_stride;
+        assert!(last < factor.values.len(), "size of a factor");
+    }
     let sizes = Sizes {
         rows: a.rows,
         depth: a.columns,
         columns: b.columns,
         a_strides: [a.row_stride, a.column_stride],
-        b_stride: b.columns,
+        b_stride: b.row_stride,
         c_stride: b.columns,
     };
-    // SAFETY: by construction a matrix's strides are (columns, 1) or, transposed, (1, rows), so that its elements are
-    // just the rows * columns numbers of its slice, whose length is checked above; B and `product` lie by rows.
-    // `product` is borrowed mutably and therefore apart from A and B.
-    unsafe { T::gemm(isa, sizes, a.values.as_ptr(), b_values.as_ptr(), product.as_mut_ptr()) }
+    // SAFETY: the last element of A and of B lies within its slice, as checked above, and no stride is negative, so that
+    // all others do; `product` has a place for each element of C. It is borrowed mutably and therefore apart from A and B.
+    unsafe { T::gemm(isa, sizes, a.values.as_ptr(), b.values.as_ptr(), product.as_mut_ptr()) }
 }
 
-/// A transposed matrix's numbers by its rows, copied in squares that stay in the cache.
-fn by_rows<T: Multiply>(matrix: Matrix<'_, T>) -> Vec<T> {
-    const SIDE: usize = 16;
-    let (rows, columns) = (matrix.rows, matrix.columns);
-    let mut copy = vec![T::default(); rows * columns];
-    for top in (0..rows).step_by(SIDE) {
-        for left in (0..columns).step_by(SIDE) {
-            let right = columns.min(left + SIDE);
-            for row in top..rows.min(top + SIDE) {
-                for (column, to) in (left..right).zip(&mut copy[row * columns + left..row * columns + right]) {
-                    *to = matrix.values[column * rows + row];
-                }
+/// Copies a matrix that lies by rows of `columns` numbers to `turned`, with rows and columns exchanged.
+///
+/// # Panics
+/// If the two have different sizes, or are no whole number of rows.
+pub fn transpose<T: Copy>(values: &[T], columns: usize, turned: &mut [T]) {
+    const SIDE: usize = 4;
+    assert!(
+        values.len() == turned.len() && values.len().is_multiple_of(columns),
+        "sizes of a matrix and its transpose"
+    );
+    let rows = values.len() / columns;
+    let (squares_down, squares_across) = (rows / SIDE * SIDE, columns / SIDE * SIDE);
+    for top in (0..squares_down).step_by(SIDE) {
+        let band: [&[T]; SIDE] = std::array::from_fn(|i| &values[(top + i) * columns..][..columns]);
+        for left in (0..squares_across).step_by(SIDE) {
+            let square: [[T; SIDE]; SIDE] = band.map(|row| std::array::from_fn(|j| row[left + j]));
+            for j in 0..SIDE {
+                let to = &mut turned[(left + j) * rows + top..][..SIDE];
+                to.copy_from_slice(&square.map(|row| row[j]));
             }
         }
     }
-    copy
+    for (row, numbers) in values.chunks_exact(columns).enumerate() {
+        let first = if row < squares_down { squares_across } else { 0 };
+        for (column, &number) in numbers.iter().enumerate().skip(first) {
+            turned[column * rows + row] = number;
+        }
+    }
 }
 
 #[cfg(test)]
@@ -278,9 +348,16 @@ mod tests {
         (0..rows * columns).map(|place| element(place / columns, place % columns)).collect()
     }
 
-    fn turned(values: &[f64], columns: usize) -> Vec<f64> {
-        let rows = values.len() / columns;
-        (0..values.len()).map(|place| values[place % rows * columns + place / rows]).collect()
+    #[test]
+    fn a_transpose_has_its_rows_for_columns() {
+        for [rows, columns] in [[1, 1], [3, 5], [4, 4], [9, 8], [16, 31]] {
+            let values = numbers(rows * columns, 0.1);
+            let mut turned = vec![f64::NAN; rows * columns];
+            transpose(&values, columns, &mut turned);
+            for (place, &value) in values.iter().enumerate() {
+                assert_eq!(turned[place % columns * rows + place / columns], value);
+            }
+        }
     }
 
     #[test]
@@ -289,14 +366,16 @@ mod tests {
         {
             let [rows, depth, columns] = sizes;
             let (a, b) = (numbers(rows * depth, 0.3), numbers(depth * columns, 0.8));
-            let (a_turned, b_turned) = (turned(&a, depth), turned(&b, columns));
+            let mut a_turned = vec![f64::NAN; a.len()];
+            transpose(&a, depth, &mut a_turned);
+            let b_wide: Vec<f64> = b.chunks(columns).flat_map(|row| [row, &[f64::NAN; 3]].concat()).collect();
             let expected = naive(&a, &b, sizes);
             for isa in [Isa::Baseline, Isa::Avx2, Isa::Avx512] {
                 for order in 0..4 {
                     let by_rows = (Matrix::by_rows(&a, depth), Matrix::by_rows(&b, columns));
-                    let turned = (Matrix::by_rows(&a_turned, rows), Matrix::by_rows(&b_turned, depth));
-                    let a = if order & 1 == 0 { by_rows.0 } else { turned.0.transposed() };
-                    let b = if order & 2 == 0 { by_rows.1 } else { turned.1.transposed() };
+                    let a = if order & 1 == 0 { by_rows.0 } else { Matrix::by_rows(&a_turned, rows).transposed() };
+                    let b =
+                        if order & 2 == 0 { by_rows.1 } else { Matrix::first_columns(&b_wide, columns, columns + 3) };
                     let mut product = vec![f64::NAN; rows * columns];
                     multiply(isa, a, b, &mut product);
                     for (got, expected) in product.iter().zip(&expected) {
