@@ -308,37 +308,51 @@ def test_binding_refuses_arrays_that_do_not_fit() -> None:
     kernel, good = td3._native._kernel, _arguments(td3)
     vectors = td3._native._vectors["actor"]
     before = _bits(td3)
-    bad: list[tuple[type[Exception], dict[str, object]]] = [
-        (ValueError, {"indices": np.full(7, 64, np.int64)}),
-        (ValueError, {"indices": np.full(7, -1, np.int64)}),
-        (ValueError, {"indices": np.zeros(6, np.int64)}),
-        (ValueError, {"mirrored": np.zeros(6, np.bool_)}),
-        (ValueError, {"noise": np.zeros(7, np.float32)}),
-        (ValueError, {"replay": td3.replay.rows[:, :-1].copy()}),
-        (TypeError, {"replay": td3.replay.rows[:, ::2]}),
-        (TypeError, {"indices": np.zeros(7, np.int32)}),
-        (TypeError, {"replay": td3.replay.rows.astype(np.float64)}),
-        (TypeError, {"actor": [vector.astype(np.float64) for vector in vectors]}),
-        (ValueError, {"actor": vectors[:3]}),
-        (ValueError, {"actor": [vectors[0], vectors[0].view(), *vectors[2:]]}),
-        (ValueError, {"actor": [vector[:-1].copy() for vector in vectors]}),
-        (ArithmeticError, {"noise": np.full(14, nan, np.float32)}),
+    shared = np.frombuffer(vectors[0].data, np.float32)[:14]
+    bad: list[tuple[type[Exception], str | None, dict[str, object]]] = [
+        (ValueError, "index: expected less than 64, got 64", {"indices": np.full(7, 64, np.int64)}),
+        (ValueError, "index: expected at least 0, got -1", {"indices": np.full(7, -1, np.int64)}),
+        (ValueError, "indices", {"indices": np.zeros(6, np.int64), "mirrored": np.zeros(6, np.bool_)}),
+        (ValueError, "mirrored", {"mirrored": np.zeros(6, np.bool_)}),
+        (TypeError, "mirrored", {"mirrored": np.zeros(7, np.uint8)}),
+        (ValueError, "noise", {"noise": np.zeros(7, np.float32)}),
+        (ValueError, "noise: expected a C-contiguous", {"noise": np.zeros(28, np.float32)[::2]}),
+        (ValueError, "columns of replay", {"replay": td3.replay.rows[:, :-1].copy()}),
+        (ValueError, "replay: expected a C-contiguous", {"replay": td3.replay.rows[:, ::2]}),
+        (TypeError, "indices", {"indices": np.zeros(7, np.int32)}),
+        (TypeError, "replay", {"replay": td3.replay.rows.astype(np.float64)}),
+        (TypeError, None, {"actor": [vector.astype(np.float64) for vector in vectors]}),
+        (ValueError, None, {"actor": vectors[:3]}),
+        (ValueError, "apart from each other", {"actor": [vectors[0], vectors[0].view(), *vectors[2:]]}),
+        (ValueError, "apart from each other", {"noise": shared}),
+        (ValueError, "actor", {"actor": [vector[:-1].copy() for vector in vectors]}),
+        (ArithmeticError, "noise", {"noise": np.full(14, nan, np.float32)}),
     ]
-    for error, changed in bad:
-        with pytest.raises(error):
+    for error, named, changed in bad:
+        with pytest.raises(error, match=named):
             kernel.update(**{**good, **changed})
         assert _bits(td3) == before
     assert len(kernel.update(**good)) == 1
     rows = np.zeros((3, td3.inputs), np.float32)
-    for wrong, actor, observations in (
-        (ValueError, vectors[0], rows[:, :-1].copy()),
-        (ValueError, vectors[0][:-1].copy(), rows),
-        (TypeError, vectors[0], rows.astype(np.float64)),
-        (TypeError, vectors[0].astype(np.float64), rows),
-        (TypeError, vectors[0], rows[:, ::2]),
+    for error, named, actor, observations in (
+        (ValueError, "observations: expected", vectors[0], rows[:, :-1].copy()),
+        (ValueError, "actor", vectors[0][:-1].copy(), rows),
+        (TypeError, "observations", vectors[0], rows.astype(np.float64)),
+        (TypeError, None, vectors[0].astype(np.float64), rows),
+        (ValueError, "observations: expected a C-contiguous", vectors[0], rows[:, ::2]),
     ):
-        with pytest.raises(wrong):
+        with pytest.raises(error, match=named):
             kernel.act(actor=actor, observations=observations)
+
+
+def test_every_byte_of_mirrored_but_0_is_true() -> None:
+    """numpy's truth values may hold any byte."""
+    learners = [_learner("native", mirror=True) for _ in range(2)]
+    for td3, value in zip(learners, (1, 2), strict=True):
+        assert td3._native is not None
+        mask = np.full(td3.config.batch_size, value, np.uint8).view(np.bool_)
+        td3._native._kernel.update(**{**_arguments(td3), "mirrored": mask})
+    assert _bits(learners[0]) == _bits(learners[1])
 
 
 def test_binding_refuses_sizes_that_do_not_follow_each_other() -> None:

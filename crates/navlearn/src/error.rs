@@ -1,5 +1,6 @@
 //! What stops an update: sizes that do not fit, a NaN or an infinity.
 
+use std::fmt::Display;
 use thiserror::Error;
 
 /// Why an update was not made. All but `Critics` and `Actor` are found before anything of the call has changed.
@@ -13,7 +14,7 @@ pub enum Error {
         /// The size that fits.
         expected: String,
         /// The size that came.
-        got: usize,
+        got: String,
     },
     /// A NaN or an infinity in a row of replay that was drawn.
     #[error("the row in place {row} of replay is not finite in column {column}")]
@@ -62,6 +63,6 @@ pub fn expect_size(what: impl Into<String>, got: usize, expected: usize) -> Resu
 }
 
 /// Refuses a size unless it fits.
-pub fn expect(what: impl Into<String>, got: usize, fits: bool, expected: impl Fn() -> String) -> Result<()> {
-    if fits { Ok(()) } else { Err(Error::Size { what: what.into(), expected: expected(), got }) }
+pub fn expect(what: impl Into<String>, got: impl Display, fits: bool, expected: impl Fn() -> String) -> Result<()> {
+    if fits { Ok(()) } else { Err(Error::Size { what: what.into(), expected: expected(), got: got.to_string() }) }
 }

@@ -18,8 +18,8 @@
 //! (outputs, inputs), and so it computes Y = relu(W X + b).
 //!
 //! Determinism: the same inputs give the same bits on the same processor, however updates are grouped into calls and
-//! whether or not the caller flushes denormal numbers to zero; with AVX2 and with AVX-512 they are the same. Where there
-//! is neither, products round otherwise.
+//! whether or not the caller flushes denormal numbers to zero; with AVX2 and FMA and with AVX-512 they are the same.
+//! Where there is neither, or `NAVRL_ISA` forbids both, products round otherwise.
 
 #![deny(unsafe_code)]
 

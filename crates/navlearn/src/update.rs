@@ -270,8 +270,9 @@ impl<T: Real> Learner<T> {
             return Err(Error::Noise { place });
         }
         let rows = draws.replay.len() / width;
-        let farthest = draws.indices.iter().map(|&index| index as usize).max().unwrap_or_default();
-        expect("an index", farthest, farthest < rows, || format!("less than {rows}"))?;
+        let (lowest, highest) = draws.indices.iter().fold((0, 0), |(low, high), &i| (low.min(i), high.max(i)));
+        expect("an index", lowest, lowest >= 0, || "at least 0".into())?;
+        expect("an index", highest, (highest as usize) < rows, || format!("less than {rows}"))?;
         if rows_finite(self.isa, draws.replay, width, draws.indices) {
             return Ok(());
         }

@@ -1,21 +1,25 @@
 //! The learner's updates for Python.
 
-use crate::arguments::refusal;
+use crate::arguments::{copy_mask, refusal};
 use navlearn::adam::Moments;
 use navlearn::batch::{ACTIONS, Mirror};
 use navlearn::layer::Layer;
 use navlearn::{Draws, Error, Real, Record, Settings, Trained};
+use numpy::ndarray::Dimension;
 use numpy::{
-    Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1,
-    PyUntypedArrayMethods,
+    Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,
+    PyReadwriteArray1, PyUntypedArrayMethods,
 };
 use pyo3::exceptions::{PyArithmeticError, PyValueError};
 use pyo3::prelude::*;
+use std::ops::Range;
 
 /// Updates of the networks of one learner; see navrl.native.
 #[pyclass(module = "navrl._navsim")]
 pub struct Learner {
     core: Core,
+    /// Which rows of the present call are mirrored.
+    mirrored: Vec<bool>,
 }
 
 enum Core {
@@ -44,16 +48,36 @@ fn stopped(error: Error) -> PyErr {
     }
 }
 
-/// Refuses vectors of which two share memory, which numpy's borrows do not see where their owners differ.
-fn refuse_overlap<T: Element>(arrays: &[&Bound<'_, PyArray1<T>>]) -> PyResult<()> {
-    let mut ranges: Vec<_> = arrays.iter().map(|a| (a.data() as usize, a.len() * size_of::<T>())).collect();
-    ranges.sort_unstable();
-    if ranges.windows(2).any(|pair| pair[0].0 + pair[0].1 > pair[1].0) {
-        return Err(PyValueError::new_err(
-            "actor, critic: expected vectors apart from each other, got some that overlap",
-        ));
+/// Where numbers lie in memory.
+fn place<T>(numbers: &[T]) -> Range<usize> {
+    let first = numbers.as_ptr() as usize;
+    first..first + size_of_val(numbers)
+}
+
+/// Refuses vectors that share memory with each other or with what is read, which numpy's borrows do not see where their
+/// owners differ.
+fn refuse_overlap<T: Element>(vectors: &[&Bound<'_, PyArray1<T>>], read: [Range<usize>; 3]) -> PyResult<()> {
+    let mut places: Vec<_> = vectors
+        .iter()
+        .map(|vector| {
+            let first = vector.data() as usize;
+            first..first + vector.len() * size_of::<T>()
+        })
+        .collect();
+    places.sort_unstable_by_key(|place| place.start);
+    let apart = places.windows(2).all(|pair| pair[0].end <= pair[1].start)
+        && read.iter().all(|read| places.iter().all(|place| place.end <= read.start || read.end <= place.start));
+    if apart {
+        return Ok(());
     }
-    Ok(())
+    Err(PyValueError::new_err(
+        "actor, critic: expected vectors apart from each other and from what is read, got some that overlap",
+    ))
+}
+
+/// The numbers of an array that is stored row by row.
+fn numbers<'a, T: Element, D: Dimension>(name: &str, array: &'a PyReadonlyArray<'_, T, D>) -> PyResult<&'a [T]> {
+    array.as_slice().map_err(|_| PyValueError::new_err(format!("{name}: expected a C-contiguous array")))
 }
 
 fn borrowed<'py, T: Element>(arrays: &Vectors<'py, T>) -> PyResult<Vec<PyReadwriteArray1<'py, T>>> {
@@ -81,7 +105,8 @@ fn update<T: Real + Element>(
     draws: Draws<'_>,
 ) -> PyResult<Rows> {
     let (actor, critic): (Vectors<'_, T>, Vectors<'_, T>) = (actor.extract()?, critic.extract()?);
-    refuse_overlap(&actor.iter().chain(&critic).collect::<Vec<_>>())?;
+    let read = [place(draws.replay), place(draws.indices), place(draws.noise)];
+    refuse_overlap(&actor.iter().chain(&critic).collect::<Vec<_>>(), read)?;
     let (mut actor, mut critic) = (borrowed(&actor)?, borrowed(&critic)?);
     let mut actor = trained(&mut actor, rates[0], steps[0])?;
     let mut critic = trained(&mut critic, rates[1], steps[1])?;
@@ -100,7 +125,11 @@ fn act<'py, T: Real + Element>(
     observations: &PyReadonlyArray2<'py, f32>,
 ) -> PyResult<Bound<'py, PyArray2<f32>>> {
     let actor: PyReadonlyArray1<'py, T> = actor.extract()?;
-    let (parameters, rows) = (actor.as_slice()?, observations.as_slice()?);
+    let (parameters, rows) = (numbers("actor", &actor)?, numbers("observations", observations)?);
+    let (inputs, width) = (core.settings().inputs(), observations.shape()[1]);
+    if width != inputs {
+        return Err(PyValueError::new_err(format!("observations: expected {inputs} columns, got {width}")));
+    }
     let actions = PyArray2::zeros(py, [observations.shape()[0], ACTIONS], false);
     let mut borrowed = actions.readwrite();
     let result = borrowed.as_slice_mut()?;
@@ -152,9 +181,10 @@ impl Learner {
         } else {
             Core::Single(navlearn::Learner::new(settings, isa).map_err(stopped)?)
         };
-        Ok(Self { core })
+        Ok(Self { core, mirrored: Vec::new() })
     }
 
+    /// As many updates as there are batches of indices; see `navlearn::Learner::update`.
     #[pyo3(signature = (*, actor, critic, rates, steps, replay, indices, mirrored, noise))]
     #[expect(clippy::too_many_arguments, reason = "keywords, each an array of the caller")]
     fn update(
@@ -166,22 +196,26 @@ impl Learner {
         steps: [u64; 2],
         replay: PyReadonlyArray2<'_, f32>,
         indices: PyReadonlyArray1<'_, i64>,
-        mirrored: PyReadonlyArray1<'_, bool>,
+        mirrored: &Bound<'_, PyAny>,
         noise: PyReadonlyArray1<'_, f32>,
     ) -> PyResult<Rows> {
+        let Self { core, mirrored: mask } = self;
+        copy_mask("mirrored", mirrored, &[indices.len()], mask)?;
         let draws = Draws {
-            replay: replay.as_slice()?,
+            replay: numbers("replay", &replay)?,
             width: replay.shape()[1],
-            indices: indices.as_slice()?,
-            mirrored: mirrored.as_slice()?,
-            noise: noise.as_slice()?,
+            indices: numbers("indices", &indices)?,
+            mirrored: mask,
+            noise: numbers("noise", &noise)?,
         };
         let networks = [actor, critic];
-        match &mut self.core {
+        match core {
             Core::Single(core) => update(py, core, networks, rates, steps, draws),
             Core::Double(core) => update(py, core, networks, rates, steps, draws),
         }
     }
+
+    /// Actions (n, 2) of the actor for observations (n, inputs).
     #[pyo3(signature = (*, actor, observations))]
     fn act<'py>(
         &mut self,

@@ -8,9 +8,9 @@
 //! * [`world`]: shapes, scenarios and the generators that draw them.
 //! * [`batch`]: [`BatchSim`], arrays in and arrays out, the only user of threads. A step of one robot is
 //!   [`robot`] (kinematics), [`collision`], [`lidar`], and [`task`] (observation, reward, episode).
-//!
 //! * [`shortest`]: true shortest paths; [`planner`]: paths in the ways that robots use.
 //! * [`controller`]: classical local controllers, from scan, goal and speed to a command.
+//! * [`cpu`]: instruction sets, chosen at run time; [`pose`] and [`error`]: what all lean on.
 //!
 //! Units are SI and radians; x is forward, y left, angles are counter-clockwise. Random numbers come from named
 //! streams ([`rng`]), so that results depend neither on the number of threads nor on the size of the batch.

@@ -74,7 +74,7 @@ class Beside:
         finally:
             self._needed += time.thread_time() - start
 
-    def _wait(self, future: Future[object]) -> None:
+    def _wait(self, future: Future[T]) -> None:
         start = time.monotonic()
         wait([future])
         self._waited += time.monotonic() - start
