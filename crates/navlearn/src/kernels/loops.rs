@@ -156,12 +156,16 @@ pub fn adam_and_follow<T: Real>(
 
 #[inline(always)]
 pub fn rows_finite<T: Real>(numbers: &[T], width: usize, rows: &[i64]) -> bool {
-    // Never left early: the processor fetches many rows from memory side by side.
-    rows.iter().fold(true, |all, &row| {
-        let (blocks, rest) = numbers[row as usize * width..][..width].as_chunks::<LANES>();
-        let whole = blocks.iter().flatten().fold(true, |all, x| all & x.finite());
-        all & rest.iter().fold(whole, |all, x| all & x.finite())
-    })
+    // 0 x is 0 unless x is NaN or infinite. Never left early: the processor fetches many rows from memory side by side.
+    let mut sums = [T::ZERO; LANES];
+    for &row in rows {
+        for block in numbers[row as usize * width..][..width].chunks(LANES) {
+            for (sum, &x) in sums.iter_mut().zip(block) {
+                *sum += T::ZERO * x;
+            }
+        }
+    }
+    total(sums) == T::ZERO
 }
 
 #[inline(always)]
