@@ -238,6 +238,10 @@ impl Task {
         } else {
             Outcome::Running
         };
+        if episode.outcome != Outcome::Running {
+            // Where it stays, it is asked for again and again.
+            episode.clearance = Clearance::exactly(self.clearance(robot, episode));
+        }
         let progress = episode.goal_distance - goal_distance;
         episode.goal_distance = goal_distance;
         let step = Step { outcome: episode.outcome, velocity, nearest, progress };
@@ -302,7 +306,12 @@ impl Task {
 
     /// Distance (m) of the footprint from the nearest obstacle now.
     pub fn clearance(&self, robot: usize, episode: &Episode) -> f32 {
-        measure(&self.footprint, &episode.pose, self.obstacles(robot, episode), &episode.clearance)
+        let known = &episode.clearance;
+        if known.driven > 0.0 {
+            measure(&self.footprint, &episode.pose, self.obstacles(robot, episode), known)
+        } else {
+            known.measured
+        }
     }
 
     /// Random numbers of this episode.
