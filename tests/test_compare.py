@@ -16,7 +16,7 @@ from navrl.compare import compare, enter
 from navrl.comparing import plots
 from navrl.config import ControllersConfig, LidarConfig, PlannerConfig, RobotConfig
 from navrl.config.files import load_config
-from navrl.config.levels import LEVELS
+from navrl.config.levels import LEVELS, at_level
 from navrl.controllers import Controller
 from navrl.errors import UserError
 from navrl.evaluate import evaluate
@@ -299,6 +299,37 @@ def test_mistakes_of_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixt
     assert not (tmp_path / "out").exists()
     (tmp_path / "out").write_text("a file")
     assert "is not a folder" in refused("gap", "--episodes", "2")
+
+
+@pytest.mark.parametrize("name", ["gap", "default", "gap+astar", "mine+astr"])
+def test_what_is_given_has_a_name_of_its_own(name: str) -> None:
+    with pytest.raises(UserError, match=rf"{name.replace('+', '.')}: expected a (name of your own|planner)"):
+        enter(name, lambda *_: np.zeros((1, 2)))
+
+
+def test_what_is_given_leaves_nothing_behind(drawn: ScenarioList, tmp_path: Path) -> None:
+    compare([enter("mine", lambda *_: np.zeros((len(_[0]), 2)))], drawn.first(2), SIM, tmp_path)
+    assert list((tmp_path / "contenders").glob("*")) == []
+
+
+def test_settings_of_controllers_leave_the_policys_robot(tmp_path: Path) -> None:
+    policy = policy_folder(tmp_path / "small", replace(SIM, robot=replace(SIM.robot, radius=0.15)))
+    file = tmp_path / "mine.toml"
+    file.write_text("[gap]\nmargin = 0.2\n")
+    for out, typed in (("a", ["--config", str(file)]), ("b", ["--gap.margin", "0.2"])):
+        names = [str(policy), "gap", *typed]
+        assert main(["compare", *names, "--episodes", "3", "--out", str(tmp_path / out)]) == 0
+        assert json.loads((tmp_path / out / "settings.json").read_text())["robot.radius"] == 0.15
+
+
+def test_a_policy_for_the_level_real_is_not_compared_at_ideal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    policy = policy_folder(tmp_path / "real", at_level(SIM, "real"))
+    command = ["compare", str(policy), "gap", "--episodes", "3", "--out", str(tmp_path / "out")]
+    assert main(command) == 2
+    assert capsys.readouterr().err.splitlines()[-1].endswith("real: was trained for --level real")
+    assert main([*command, "--level", "real"]) == 0
 
 
 def test_settings_of_controllers_count(tmp_path: Path) -> None:

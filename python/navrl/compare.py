@@ -156,7 +156,8 @@ def compare(
         if record is None:
             begin = perf_counter()
             record = _run(entry, scenarios, sim, controllers, planner, num_threads)
-            kept.keep(record, entry.policy_sha256)
+            if entry.is_known:
+                kept.keep(record, entry.policy_sha256)
             report(f"{_line(record)}, in {perf_counter() - begin:.1f} s")
         else:
             report(f"{_line(record)}, kept")

@@ -2,11 +2,12 @@
 
 from argparse import Namespace
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from navrl.commands.options import given_settings
-from navrl.config.files import load_config, load_sim
+from navrl.config.files import configured_tables, load_config, load_sim
 from navrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -41,7 +42,8 @@ def simulator(options: Namespace, policy: str, description: "PolicyDescription")
 def contest(options: Namespace, names: Sequence[str]) -> "tuple[Config, SimConfig, list[Entry]]":
     """Settings, the robot that all drive, and the contenders, at the level that was asked for.
 
-    The robot is as configured, and if nothing is, that of the first policy, as `navrl eval` has it.
+    Robot, lidar, task and world are as configured, and if none of them is, those of the first policy, as `navrl eval`
+    has them.
     """
     check_place(options)
     settings = given_settings(options, "world", "boxes")
@@ -53,8 +55,11 @@ def contest(options: Namespace, names: Sequence[str]) -> "tuple[Config, SimConfi
     entries = [enter(name) for name in names]
     sim = config.sim
     first = next((entry for entry in entries if entry.policy is not None), None)
-    if first is not None and first.policy is not None and not (options.config or options.robot or options.settings):
+    configured = configured_tables(options.config, given_settings(options)) & {table.name for table in fields(sim)}
+    if first is not None and first.policy is not None and not options.robot and not configured:
         sim = simulator(options, first.name.removesuffix(f"+{first.planner}"), first.policy.description)
+        if options.level == "ideal" and at_level(sim, "real") == sim:
+            raise UserError(f"{first.name}: was trained for --level real")
     for entry in entries:
         entry.check(sim, options.level)
     return config, at_level(sim, options.level), entries

@@ -144,22 +144,25 @@ def enter(name: str, contender: Contender | None = None) -> Entry:
 
     Args:
         name: A run folder, a policy folder, "default", a controller, or one of these, "+" and a planner. A name of your
-            own, with or without a planner, for what you give.
+            own, with or without "+" and a planner, for what you give.
         contender: What drives under that name: a controller as a function or an object, or a policy.
 
     Returns:
         The contender.
 
     Raises:
-        UserError: No such contender, or a damaged policy.
+        UserError: No such contender, a damaged policy, or the name of another contender for yours.
     """
     local, plus, planner = name.rpartition("+")
-    if contender is not None:
-        return Entry(name, contender, planner if plus and planner in PLANNERS else None)
+    own, taken = contender is not None, (*NAMES, "default")
+    if own and (name in taken or local in taken):
+        raise UserError(f"{name}: expected a name of your own, none of {', '.join(taken)}")
     if plus and planner in PLANNERS:
-        return Entry(name, _local(local), planner)
-    if plus and local in (*NAMES, "default"):
+        return Entry(name, _local(local) if contender is None else contender, planner)
+    if plus and (own or local in taken):
         raise UserError(f"{name}: expected a planner after the +: {', '.join(PLANNERS)}")
+    if contender is not None:
+        return Entry(name, contender, None)
     if name == "pursuit":
         raise UserError("pursuit: follows a path: name a planner too, such as pursuit+astar")
     return Entry(name, _local(name), None)

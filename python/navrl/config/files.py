@@ -91,6 +91,22 @@ def load_config(
     return at_level(_build(Config, layers), level)
 
 
+def configured_tables(file: str | os.PathLike[str] | None, options: Sequence[Option]) -> set[str]:
+    """Tables of which a file or options set something.
+
+    Args:
+        file: TOML file.
+        options: settings of the command line.
+
+    Returns:
+        Their names.
+
+    Raises:
+        ConfigError: one line on a file that cannot be read.
+    """
+    return {*(() if file is None else _read(Path(file))), *(option.key.partition(".")[0] for option in options)}
+
+
 def load_sim(options: Sequence[Option]) -> SimConfig:
     """Builds the part that the simulator reads from its defaults and options.
 

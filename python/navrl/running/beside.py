@@ -30,6 +30,7 @@ class Beside:
             say: Takes a line when one thread has to do.
         """
         self._say = say
+        self._said = False
         self._thread = ThreadPoolExecutor(1, "beside")
         self._alone = 0
         """Pairs to do in one thread."""
@@ -84,8 +85,11 @@ class Beside:
         """Falls back to one thread if the waits were longer than the work that was waited for."""
         if self._waited > self._needed:
             self._alone = PAUSE
-            self._say("the machine is busy: robots and updates take turns for a while, with the same results")
+            if not self._said:
+                self._say("the machine is busy: robots and updates take turns for a while, with the same results")
+            self._said = True
         self._forget()
 
     def _forget(self) -> None:
+        """Begins to count anew: pairs, seconds waited, and seconds of work that was waited for."""
         self._pairs, self._waited, self._needed = 0, 0.0, 0.0

@@ -22,7 +22,8 @@ pub struct ControllersConfig {
     pub pursuit: PursuitConfig,
 }
 
-/// The dynamic window: objective heading x h + clearance x c + speed x v, each part in [0, 1].
+/// The dynamic window: objective heading x h + clearance x c + speed x v, each part in [0, 1], but for the clearance of
+/// `dwa-1997`, which is in metres.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DwaConfig {
@@ -126,9 +127,9 @@ pub struct PursuitConfig {
     pub approach: f64,
     /// Slowest forward speed while it slows, m/s.
     pub v_min: f64,
-    /// The free way along the arc must last so long at the present speed, s.
+    /// The robot slows so that it could still stop on the free way along its arc a period and this time later, s.
     pub stop_time: f64,
-    /// Added to the robot's radius, m.
+    /// Added to the robot's radius, m; half of the clearance where that is less.
     pub margin: f64,
 }
 
