@@ -1,6 +1,7 @@
 //! Adam's step over a packed vector.
 //!
-//! m <- b1 m + (1 - b1) g;  v <- b2 v + (1 - b2) g^2;  theta <- theta - lr / (1 - b1^t) m / (sqrt(v / (1 - b2^t)) + eps)
+//! m <- b1 m + (1 - b1) g;  v <- b2 v + (1 - b2) g^2;
+//! theta <- theta - lr / (1 - b1^t) m / (sqrt(v / (1 - b2^t)) + eps)
 //!
 //! Tiny gradients, moments and squares are written as 0 ([`Real::TINY`]).
 

@@ -41,8 +41,8 @@ fn view_of<'py, T: Element, D: IntoDimension>(
 ) -> PyResult<Bound<'py, PyArray<T, D::Dim>>> {
     let values = ArrayView::from_shape(shape.into_dimension(), values);
     let values = values.map_err(|e| PyValueError::new_err(e.to_string()))?;
-    // SAFETY: the core allocates an array of results once and never moves it, and the view keeps `this` alive. A step in
-    // another thread may change what a view shows, as with any numpy array.
+    // SAFETY: the core allocates an array of results once and never moves it, and the view keeps `this` alive. A step
+    // in another thread may change what a view shows, as with any numpy array.
     let array = unsafe { PyArray::borrow_from_array(&values, this.clone().into_any()) };
     Ok((*array.readwrite().make_nonwriteable()).clone())
 }

@@ -134,7 +134,8 @@ impl BatchSim {
         self.episodes.get(robot).map(|episode| self.task.scenario(robot, episode))
     }
 
-    /// Where each robot believes to be, by its odometry: x (m), y (m), yaw (rad). Without `robot.odometry_noise` the pose.
+    /// Where each robot believes to be, by its odometry: x (m), y (m), yaw (rad). Without `robot.odometry_noise` the
+    /// pose.
     pub fn odometry(&self) -> impl Iterator<Item = [f64; 3]> + '_ {
         self.episodes.iter().map(Episode::believed_pose).map(|pose| [pose.x, pose.y, pose.yaw])
     }

@@ -10,14 +10,15 @@ pub const CLEARANCE_MAX: f32 = 1000.0;
 /// The footprint touches when its clearance is at most this, m: five times the rounding error of a clearance in a 30 m
 /// room, a fifth of what is promised.
 pub const CONTACT: f32 = 2e-5;
-/// The arc is followed in steps of at least this, m, so that sliding along a wall ends; what a step can overlook is less.
+/// The arc is followed in steps of at least this, m, so that sliding along a wall ends; what a step can overlook is
+/// less.
 const ADVANCE_MIN: f32 = 5e-5;
 
 /// More than clearances and travels may err by rounding, m.
 const ROUNDING: f32 = 0.01;
 
-/// What is known of the distance between the footprint and the nearest obstacle. It is measured only when it can matter:
-/// what follows from an older measurement lies within `at_least` and `at_most`, but for rounding.
+/// What is known of the distance between the footprint and the nearest obstacle. It is measured only when it can
+/// matter: what follows from an older measurement lies within `at_least` and `at_most`, but for rounding.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Clearance {
     /// Clearance where it was measured last, m.
@@ -83,8 +84,8 @@ pub fn measure(footprint: &Footprint, pose: &Pose, obstacles: [&Obstacles; 2], k
 /// `at_start`. The clearance at the end is not measured if it is certainly more than `enough` (m, >= 0).
 ///
 /// Conservative advancement: no point of the footprint moves farther than |v| + reach |omega| per second, so from a
-/// clearance c it is safe to go on for c / speed. A contact is reported if the clearance along the exact arc falls under
-/// zero by more than 1e-4 m, and none if it stays above 1e-4 m, at any speed and for walls of any thickness.
+/// clearance c it is safe to go on for c / speed. A contact is reported if the clearance along the exact arc falls
+/// under zero by more than 1e-4 m, and none if it stays above 1e-4 m, at any speed and for walls of any thickness.
 pub fn sweep(
     footprint: &Footprint,
     arc: &Arc,

@@ -108,12 +108,13 @@ pub struct LidarConfig {
 #[serde(rename_all = "lowercase")]
 pub enum Caster {
     /// The rasteriser with what makes it faster and leaves its bits: every beam against every edge for up to 64 beams,
-    /// and a tree of boxes, nearest first and past what is hidden, where static walls, faces of boxes or circles fill eight blocks of 16.
+    /// and a tree of boxes, nearest first and past what is hidden, where static walls, faces of boxes or circles fill
+    /// eight blocks of 16.
     Auto,
     /// The vectorised rasteriser: every edge and every circle is drawn over the beams that it may cover.
     Raster,
-    /// Parry's ray casts, beam by beam, through its bounding volume hierarchy from 32 shapes on: the reference, and slow.
-    /// In single precision it is coarse where a beam grazes a circle.
+    /// Parry's ray casts, beam by beam, through its bounding volume hierarchy from 32 shapes on: the reference, and
+    /// slow. In single precision it is coarse where a beam grazes a circle.
     Parry,
 }
 

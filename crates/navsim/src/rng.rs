@@ -111,7 +111,8 @@ const LANES: usize = 16;
 
 /// `LANES` blocks from counters that differ in their first word only: row k holds word k of each.
 ///
-/// A word lies in the lower half of a 64-bit number, where one instruction multiplies it; the upper half does not matter.
+/// A word lies in the lower half of a 64-bit number, where one instruction multiplies it; the upper half does not
+/// matter.
 #[inline(always)]
 fn philox_lanes(first: [u32; LANES], rest: [u32; 3], key: [u32; 2]) -> [[u32; LANES]; 4] {
     const LOWER: u64 = 0xFFFF_FFFF;

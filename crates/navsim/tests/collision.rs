@@ -211,8 +211,8 @@ fn rigid_motion(arc: &Arc) -> NonlinearRigidMotion {
     NonlinearRigidMotion::new(start, Vector::new(0.0, arc.v / arc.omega), Vector::ZERO, arc.omega)
 }
 
-/// Parry's nonlinear cast sees about one contact in a hundred of these too late or not at all, so it judges one way only:
-/// what it meets the sweep has met before anything was deeper than promised, and mostly they agree.
+/// Parry's nonlinear cast sees about one contact in a hundred of these too late or not at all, so it judges one way
+/// only: what it meets the sweep has met before anything was deeper than promised, and mostly they agree.
 #[test]
 fn the_sweep_meets_what_parrys_nonlinear_cast_meets() {
     let mut random = Stream::new(StreamName::new(12, Purpose::World, Split::Given, 0, 0));

@@ -64,7 +64,8 @@ fn the_two_casters_agree() {
     for index in 0..200 {
         let mut random = Stream::new(StreamName::new(13, Purpose::World, Split::Train, index, 0));
         let mut shapes = room(5.0);
-        // Enough shapes for parry's hierarchy in every other world; circles apart, where parry's own f32 cast is coarse.
+        // Enough shapes for parry's hierarchy in every other world; circles apart, where parry's own f32 cast is
+        // coarse.
         shapes.extend((0..if index % 2 == 0 { 10 } else { 80 }).map(|i| random_shape(&mut random, 1 + i % 3, 5.0)));
         let raster = config(180, 2.0 * PI, 10.0);
         let parry = LidarConfig { caster: Caster::Parry, ..raster.clone() };

@@ -2,8 +2,8 @@
 //! with unsafe code.
 //!
 //! The loops are compiled for every instruction set of [`Isa`] and give the same bits on each. Products are for AVX2
-//! with FMA and for AVX-512; elsewhere the crate matrixmultiply makes them, with what it finds the processor to have. All
-//! but that follows `NAVRL_ISA`.
+//! with FMA and for AVX-512; elsewhere the crate matrixmultiply makes them, with what it finds the processor to have.
+//! All but that follows `NAVRL_ISA`.
 
 #![allow(unsafe_code)]
 

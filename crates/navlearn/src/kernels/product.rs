@@ -1,7 +1,7 @@
 //! Products of matrices.
 //!
-//! They run on tiles of fused multiply-adds where there is AVX2 or AVX-512, each element summed in one order, so that both
-//! give the same bits; elsewhere they come from the crate matrixmultiply.
+//! They run on tiles of fused multiply-adds where there is AVX2 or AVX-512, each element summed in one order, so that
+//! both give the same bits; elsewhere they come from the crate matrixmultiply.
 
 use super::Isa;
 
@@ -66,14 +66,14 @@ pub trait Multiply: Copy + Default + 'static {
     /// C = A B on `isa`.
     ///
     /// # Safety
-    /// Every element that `sizes` names lies within the allocation behind its pointer; those of C may be written, are no
-    /// two the same, and are none of A or B.
+    /// Every element that `sizes` names lies within the allocation behind its pointer; those of C may be written, are
+    /// no two the same, and are none of A or B.
     unsafe fn gemm(isa: Isa, sizes: Sizes, a: *const Self, b: *const Self, c: *mut Self);
 }
 
-/// Makes a product of tiles for one type and instruction set: of `$rows` rows, or one, of up to `$vectors`
-/// vectors of `$lanes` numbers each, as many as its registers hold. Where the columns end within a vector, `$mask` (from
-/// their number) tells `$load_part` and `$store_part` which numbers of the last vector there are.
+/// Makes a product of tiles for one type and instruction set: of `$rows` rows, or one, of up to `$vectors` vectors of
+/// `$lanes` numbers each, as many as its registers hold. Where the columns end within a vector, `$mask` (from their
+/// number) tells `$load_part` and `$store_part` which numbers of the last vector there are.
 #[cfg(target_arch = "x86_64")]
 macro_rules! tiles {
     ($name:ident: $type:ident, $features:literal, $rows:literal rows of $vectors:literal vectors of $lanes:literal,
@@ -300,8 +300,9 @@ pub fn multiply<T: Multiply>(isa: Isa, a: Matrix<'_, T>, b: Matrix<'_, T>, produ
         b_stride: b.row_stride,
         c_stride: b.columns,
     };
-    // SAFETY: the last element of A and of B lies within its slice, as checked above, and no stride is negative, so that
-    // all others do; `product` has a place for each element of C. It is borrowed mutably and therefore apart from A and B.
+    // SAFETY: the last element of A and of B lies within its slice, as checked above, and no stride is negative, so
+    // that all others do; `product` has a place for each element of C. It is borrowed mutably and therefore apart from
+    // A and B.
     unsafe { T::gemm(isa, sizes, a.values.as_ptr(), b.values.as_ptr(), product.as_mut_ptr()) }
 }
 

@@ -78,8 +78,8 @@ mod tests {
             let (x, y) = (0.6 * x, 0.6 * y);
             let exact = scene.points().fold(0.8, |least: f32, [px, py]| least.min(libm::hypotf(x - px, y - py)));
             let error = map.at(x, y) - exact;
-            // Over a cell of side h, a cone r from its tip is interpolated too high by h^2 / (4 r) at most, and near the
-            // tip by half a diagonal; the edge between two cones is cut off by half a diagonal at most.
+            // Over a cell of side h, a cone r from its tip is interpolated too high by h^2 / (4 r) at most, and near
+            // the tip by half a diagonal; the edge between two cones is cut off by half a diagonal at most.
             let high = if exact < 0.2 { 0.036 } else { 0.05 * 0.05 / (4.0 * (exact - 0.036)) };
             assert!(error <= high + 1e-5 && error >= -0.036, "{exact}: {error}");
         }

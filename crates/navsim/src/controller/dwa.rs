@@ -8,9 +8,10 @@ use super::{Limits, Sight};
 use std::f32::consts::PI;
 
 impl DwaConfig {
-    /// The original weights: 2 for the heading and 0.2 for the speed, each in [0, 1], and 0.2 for the free way, in metres
-    /// as far as the lidar sees (`range_max`). Shares of a way would let the robot turn 18 degrees from its goal at most.
-    /// The window is that of the original interval, 0.25 s; the heading is judged after 1 s. The rest is as it was.
+    /// The original weights: 2 for the heading and 0.2 for the speed, each in [0, 1], and 0.2 for the free way, in
+    /// metres as far as the lidar sees (`range_max`). Shares of a way would let the robot turn 18 degrees from its goal
+    /// at most. The window is that of the original interval, 0.25 s; the heading is judged after 1 s. The rest is as it
+    /// was.
     pub(super) fn of_1997(self, range_max: f64) -> Self {
         let (clearance, clearance_max) = (0.2 * range_max, range_max);
         Self { heading: 2.0, clearance, speed: 0.2, horizon: 1.0, clearance_max, interval: 0.25, ..self }
@@ -34,8 +35,8 @@ struct Window {
 }
 
 impl Window {
-    /// What the acceleration limits leave of the rectangle [0, v_max] x [-omega_max, omega_max] in `interval` seconds; a
-    /// limit of 0 is none.
+    /// What the acceleration limits leave of the rectangle [0, v_max] x [-omega_max, omega_max] in `interval` seconds;
+    /// a limit of 0 is none.
     pub fn new(limits: &Limits, [v, omega]: [f32; 2], interval: f32) -> Self {
         let reachable = |now: f32, acceleration: f32, least: f32, most: f32| {
             let change = if acceleration > 0.0 { acceleration * interval } else { f32::INFINITY };
@@ -58,8 +59,8 @@ impl Dwa {
         Self { config: config.clone(), arcs: Arcs::default() }
     }
 
-    /// The best admissible command, of which a period drives what the limits allow; if none is, the slowest one with the
-    /// longest free way.
+    /// The best admissible command, of which a period drives what the limits allow; if none is, the slowest one with
+    /// the longest free way.
     pub fn command(&mut self, limits: &Limits, sight: &Sight) -> [f32; 2] {
         let DwaConfig { v_samples, omega_samples, .. } = self.config;
         let Window { v: [v_low, v_high], omega: [omega_low, omega_high] } =
@@ -90,8 +91,9 @@ impl Dwa {
         if best.0 == f32::NEG_INFINITY { slowest.1 } else { best.1 }
     }
 
-    /// Way (m) that is free along the arc of a command; of a turn in place, which is always admissible, the way straight
-    /// ahead at the horizon. (To call that endless, as one may read the original, makes standing still attractive.)
+    /// Way (m) that is free along the arc of a command; of a turn in place, which is always admissible, the way
+    /// straight ahead at the horizon. (To call that endless, as one may read the original, makes standing still
+    /// attractive.)
     fn free_way(&self, [v, omega]: [f32; 2]) -> f32 {
         if v > 0.0 {
             self.arcs.free_way(omega / v)

@@ -1,5 +1,5 @@
-//! The artificial potential field (Khatib, "Real-time obstacle avoidance for manipulators and mobile robots", 1986): the
-//! goal pulls, what the beams meet pushes. Where both cancel, the robot stands: its local minima are known.
+//! The artificial potential field (Khatib, "Real-time obstacle avoidance for manipulators and mobile robots", 1986):
+//! the goal pulls, what the beams meet pushes. Where both cancel, the robot stands: its local minima are known.
 
 use super::settings::ApfConfig;
 use super::{Limits, Sight};

@@ -44,8 +44,9 @@ impl Pursuit {
         limits.period + self.config.stop_time as f32
     }
 
-    /// Way (m) that is free along the arc, as far as it matters. A robot that is within the margin of an obstacle already
-    /// drives on where its arc passes everything at half of the clearance that it has, as one that starts beside a wall.
+    /// Way (m) that is free along the arc, as far as it matters. A robot that is within the margin of an obstacle
+    /// already drives on where its arc passes everything at half of the clearance that it has, as one that starts
+    /// beside a wall.
     fn free_way(&mut self, limits: &Limits, sight: &Sight, curvature: f32) -> f32 {
         let square = sight.scene.points().fold(f32::INFINITY, |least: f32, [x, y]| least.min(x * x + y * y));
         let clearance = (libm::sqrtf(square) - limits.radius).max(0.0);

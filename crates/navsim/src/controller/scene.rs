@@ -18,7 +18,8 @@ pub(super) struct Eye {
     direction: Vec<[f32; 2]>,
     origin: [f32; 2],
     range_max: f32,
-    /// What the beams cover, as angles (rad) about the robot's x axis: half the field of view on both sides of `middle`.
+    /// What the beams cover, as angles (rad) about the robot's x axis: half the field of view on both sides of
+    /// `middle`.
     pub half_fov: f32,
     /// Direction (rad) of the middle of the field of view in the robot's frame.
     pub middle: f32,
@@ -122,8 +123,8 @@ impl Arcs {
     /// Way (m) that the disc drives forward on the arc of `curvature` (1/m, left positive) before it touches a point;
     /// infinite if it touches none in half a turn.
     ///
-    /// With u = (2 / curvature) tan(turn / 2), which is the way where the arc is straight, contact with (x, y) is
-    /// a u^2 - 2 x u + q = 0, a = 1 - curvature y + curvature^2 q / 4. The first root ahead is q / (x + sqrt(x^2 - a q)).
+    /// With u = (2 / curvature) tan(turn / 2), which is the way where the arc is straight, contact with (x, y) is a u^2
+    /// - 2 x u + q = 0, a = 1 - curvature y + curvature^2 q / 4. The first root ahead is q / (x + sqrt(x^2 - a q)).
     pub fn free_way(&self, curvature: f32) -> f32 {
         let quarter = 0.25 * curvature * curvature;
         let u = self.first_root(|x, y, q| (x, 1.0 - curvature * y + quarter * q));
@@ -204,8 +205,8 @@ mod tests {
         }
     }
 
-    /// On the circle of radius 1 to the left, the point (1, 1) lies a quarter turn ahead; contact when the chord to it is
-    /// the radius 0.25: 2 asin(0.125) = 0.2507 before pi / 2.
+    /// On the circle of radius 1 to the left, the point (1, 1) lies a quarter turn ahead; contact when the chord to it
+    /// is the radius 0.25: 2 asin(0.125) = 0.2507 before pi / 2.
     #[test]
     fn a_quarter_turn_by_hand() {
         let free = arcs(&[[1.0, 1.0]], 0.25).free_way(1.0);

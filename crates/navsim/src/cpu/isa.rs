@@ -93,8 +93,8 @@ impl Dispatch {
     pub fn run(self, kernel: impl Kernel) {
         #[cfg(target_arch = "x86_64")]
         match self.0 {
-            // SAFETY: `new` lets no instruction set pass that is above what `detect` found on this machine, and `detect`
-            // asks for each of the features.
+            // SAFETY: `new` lets no instruction set pass that is above what `detect` found on this machine, and
+            // `detect` asks for each of the features.
             Isa::Avx512 => return unsafe { avx512(kernel) },
             // SAFETY: as above.
             Isa::Avx2 => return unsafe { avx2(kernel) },

@@ -1,8 +1,8 @@
 //! The floating-point mode of a thread.
 
-/// Round to nearest, denormal numbers as they are, for as long as this lives: results must not depend on what the calling
-/// thread has chosen (a training loop flushes denormals), nor change it. Where the target is neither x86-64 nor aarch64,
-/// the thread's own mode stays.
+/// Round to nearest, denormal numbers as they are, for as long as this lives: results must not depend on what the
+/// calling thread has chosen (a training loop flushes denormals), nor change it. Where the target is neither x86-64 nor
+/// aarch64, the thread's own mode stays.
 #[derive(Debug)]
 pub(crate) struct DefaultMode {
     caller: register::Word,

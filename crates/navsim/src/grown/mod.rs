@@ -1,7 +1,7 @@
 //! What shortest paths and planners share: a world whose shapes are grown by what the robot's centre keeps from them.
 //!
-//! A `shape` is grown exactly, a `world` finds its shapes by place; an `enclosure` cuts places off, a `goal_disc` may be
-//! reached in part. On a `grid` of nodes `fast_marching` measures distances.
+//! A `shape` is grown exactly, a `world` finds its shapes by place; an `enclosure` cuts places off, a `goal_disc` may
+//! be reached in part. On a `grid` of nodes `fast_marching` measures distances.
 
 mod enclosure;
 mod fast_marching;

@@ -39,8 +39,8 @@ const CHUNK: usize = 8;
 const RAMP: [u16; CHUNK] = [0, 1, 2, 3, 4, 5, 6, 7];
 
 impl Draws {
-    /// A list long enough for sixteen lanes over `blocks` blocks of beams, at most 256. The two runs of a lane may share a
-    /// block at each end.
+    /// A list long enough for sixteen lanes over `blocks` blocks of beams, at most 256. The two runs of a lane may
+    /// share a block at each end.
     pub fn new(blocks: usize) -> Self {
         Self { pairs: vec![0; BLOCK * (blocks + 2) + CHUNK] }
     }

@@ -122,8 +122,8 @@ impl EdgeBlock for Block<7, BLOCK> {
     }
 }
 
-/// `Outline::boxes`: of two opposite faces at most one is seen, the nearer one, if the lidar is not between their lines.
-/// The first half of the edges are the faces along the boxes, the second half those across.
+/// `Outline::boxes`: of two opposite faces at most one is seen, the nearer one, if the lidar is not between their
+/// lines. The first half of the edges are the faces along the boxes, the second half those across.
 impl EdgeBlock for Block<6, BOXES> {
     #[inline(always)]
     fn turned(&self, view: View, fan: &Fan) -> (Turned, Seen) {
@@ -221,8 +221,8 @@ impl Ready {
     }
 }
 
-/// The array method, for a fan of `N` blocks: every beam against every edge that faces the lidar. The same operations as
-/// by intervals, so the same bits, but no intervals, and the depth stays in registers.
+/// The array method, for a fan of `N` blocks: every beam against every edge that faces the lidar. The same operations
+/// as by intervals, so the same bits, but no intervals, and the depth stays in registers.
 #[inline(always)]
 pub(super) fn draw_all<const N: usize>(
     blocks: &[impl EdgeBlock],

@@ -109,8 +109,8 @@ pub struct Plan {
     pub time: f64,
 }
 
-/// Plans the way of `scenario` for a robot of `radius` (m, in (0, 1000]; for a rectangle the radius of the circle around it).
-/// `seed` and `index` name the random numbers of `rrt`, `rrtstar` and `antcolony`.
+/// Plans the way of `scenario` for a robot of `radius` (m, in (0, 1000]; for a rectangle the radius of the circle
+/// around it). `seed` and `index` name the random numbers of `rrt`, `rrtstar` and `antcolony`.
 ///
 /// # Errors
 /// A scenario, radius or setting out of range, or a map of more than 10 million nodes (for ants of 1 million). That

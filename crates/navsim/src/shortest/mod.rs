@@ -2,8 +2,8 @@
 //! navigation agents", 2018).
 //!
 //! A shortest path around grown obstacles is a taut string. Whether there is one is decided exactly (`grown`). Fast
-//! marching on a coarse grid then says for every place how far the goal is, up to a few percent (`lower_bound`), and A* over
-//! the straight legs and arcs of taut strings, led by that field, finds the best one and its exact length
+//! marching on a coarse grid then says for every place how far the goal is, up to a few percent (`lower_bound`), and A*
+//! over the straight legs and arcs of taut strings, led by that field, finds the best one and its exact length
 //! (`taut_string`). So neither the grid's resolution nor a gap narrower than a cell shows in the result.
 
 mod lower_bound;

@@ -195,11 +195,11 @@ impl Task {
 
     /// Drives one control period with `action` in [-1, 1]^2 and writes the observation after it; returns the reward.
     ///
-    /// With `robot.delay_steps` an earlier action drives, and the robot stands until the first one does. The robot sees the
-    /// goal from where it believes to be, and is judged by where it is.
+    /// With `robot.delay_steps` an earlier action drives, and the robot stands until the first one does. The robot sees
+    /// the goal from where it believes to be, and is judged by where it is.
     ///
-    /// A collision anywhere on the arc ends the step at contact; otherwise the goal counts if its distance at the end is
-    /// under the goal radius, also on the last step; otherwise the time limit.
+    /// A collision anywhere on the arc ends the step at contact; otherwise the goal counts if its distance at the end
+    /// is under the goal radius, also on the last step; otherwise the time limit.
     pub fn step(
         &self,
         robot: usize,

@@ -36,8 +36,8 @@ pub fn reward(step: &Step, reward: &RewardConfig, robot: &RobotConfig) -> f64 {
     immediate + reward.progress * step.progress
 }
 
-/// The paper's own reward, in which returns are reported whatever the learner is trained on: r_g 100, r_c -100, v in m/s,
-/// no progress term.
+/// The paper's own reward, in which returns are reported whatever the learner is trained on: r_g 100, r_c -100, v in
+/// m/s, no progress term.
 pub fn paper_reward(step: &Step, robot: &RobotConfig) -> f64 {
     let paper = RewardConfig { goal: 100.0, collision: -100.0, form: RewardForm::Paper, progress: 0.0 };
     reward(step, &paper, robot)

@@ -2,7 +2,8 @@
 
 use super::tree::{Tree, arrange};
 
-/// Edges, circles and beams are handled in blocks of this many: one AVX-512 register, two of AVX2, four of the baseline.
+/// Edges, circles and beams are handled in blocks of this many: one AVX-512 register, two of AVX2, four of the
+/// baseline.
 pub(crate) const BLOCK: usize = 16;
 
 /// One number for each member of a block, where the widest register loads it at once.

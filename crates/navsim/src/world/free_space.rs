@@ -19,7 +19,8 @@ const COARSE_CELL: f64 = 0.53;
 ///
 /// It rolls along the straight line between any two neighbours, diagonal ones too, and anywhere within a square of four
 /// such nodes: with weights w_i that sum to 1, c = sum w_i c_i and an obstacle point k,
-/// |c - k|^2 = sum w_i |c_i - k|^2 - sum w_i |c_i - c|^2 >= rho^2 - h^2/2 = R^2, as the c_i lie in a square of the side h.
+/// |c - k|^2 = sum w_i |c_i - k|^2 - sum w_i |c_i - c|^2 >= rho^2 - h^2/2 = R^2, as the c_i lie in a square of the side
+/// h.
 pub(crate) fn rolling_clearance(radius: f64, cell: f64) -> f64 {
     (radius * radius + 0.5 * cell * cell).sqrt()
 }

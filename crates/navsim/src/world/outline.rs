@@ -12,10 +12,11 @@ pub(crate) const BOXES: usize = BLOCK / 2;
 /// Boxes, edges and circles of a set of shapes.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Outline {
-    /// Boxes: centre x, y, and from there to the middle of the front x, y and of the left side x, y, m. An unused place is
-    /// all zero.
+    /// Boxes: centre x, y, and from there to the middle of the front x, y and of the left side x, y, m. An unused place
+    /// is all zero.
     pub boxes: Blocks<6, BOXES>,
-    /// Edges of polygons and walls: from x, y, to x, y (m), their difference along x, y (rounded once from double precision), and `back`.
+    /// Edges of polygons and walls: from x, y, to x, y (m), their difference along x, y (rounded once from double
+    /// precision), and `back`.
     ///
     /// Neighbours share bit-equal ends, so that no beam passes between them. An edge is seen when the cross product
     /// from x along, as the lidar has it, is negative or greater than `back`: infinity for the edge of a solid, whose

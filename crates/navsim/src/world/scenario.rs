@@ -110,8 +110,8 @@ impl Scenario {
     }
 
     /// Checks that a robot of this `footprint` can run the scenario: it starts without contact, its centre can stand in
-    /// the goal, and there is a way. A start within the goal is allowed. A passage that only just fits, within about 5 % of
-    /// the footprint's smaller radius, is taken as open.
+    /// the goal, and there is a way. A start within the goal is allowed. A passage that only just fits, within about 5
+    /// % of the footprint's smaller radius, is taken as open.
     ///
     /// # Errors
     /// `Error::Scenario` or `Error::Shape` with the clearance or the number that is at fault.
