@@ -114,6 +114,8 @@ REFUSALS = {
     "train --resume . --learner.tau 1": "train: --learner.tau: a resumed run keeps its settings",
     "train --inexact": "train: --inexact goes with --resume only",
     "eval": "eval: the following arguments are required: POLICY",
+    "eval dwa": "dwa: is no policy alone: navrl compare dwa --out DIR evaluates it",
+    "eval default+astar": "default+astar: is no policy alone: navrl compare default+astar --out DIR evaluates it",
     "eval nowhere": "nowhere: no such folder; expected a run folder, a policy folder or default",
     "eval default --list tuning": "eval: argument --list: invalid choice: 'tuning'",
     "eval default --world td3 --scenarios x": "eval: argument --scenarios: not allowed with argument --world",

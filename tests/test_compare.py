@@ -139,6 +139,8 @@ def test_damaged_files_are_said_so(drawn: ScenarioList, tmp_path: Path) -> None:
         ("settings.json", "{", r"settings\.json: damaged"),
         ("contenders/straight.json", "[]", r"straight\.json: damaged"),
         ("contenders/straight.json", '{"policy_sha256": null}', r"straight\.json: damaged, or .*\.npz is; remove both"),
+        ("contenders/straight.json.npz", "", r"straight\.json: damaged, or .*\.npz is; remove both"),
+        ("contenders/straight.json", '{"policy_sha256": null, "scores": {"spl": NaN}}', r"straight\.json: damaged"),
         ("contenders/straight.json.npz", "cut", r"straight\.json: damaged, or .*\.npz is; remove both"),
     ):
         out = tmp_path / str(len(list(tmp_path.iterdir())))

@@ -202,7 +202,7 @@ def test_refused_scenarios(line: int, edits: World, tmp_path: Path) -> None:
     file.write_text("\n".join(lines))
     with pytest.raises(ScenarioError, match=f"line {line}: ") as refusal:
         read_list(file, SimConfig())
-    message = str(refusal.value).partition(f"line {line}: ")[2].partition(" (navrl eval")[0]
+    message = str(refusal.value).partition(f"line {line}: ")[2].partition(" (--skip-invalid")[0]
     assert row("own-world.md", message), message
 
 

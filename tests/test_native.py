@@ -326,6 +326,7 @@ def test_binding_refuses_arrays_that_do_not_fit() -> None:
         (ValueError, "apart from each other", {"actor": [vectors[0], vectors[0].view(), *vectors[2:]]}),
         (ValueError, "apart from each other", {"noise": shared}),
         (ValueError, "actor", {"actor": [vector[:-1].copy() for vector in vectors]}),
+        (ValueError, "actor's rate", {"rates": (nan, 0.1)}),
         (ArithmeticError, "noise", {"noise": np.full(14, nan, np.float32)}),
     ]
     for error, named, changed in bad:
@@ -380,6 +381,14 @@ def test_binding_refuses_sizes_that_do_not_follow_each_other() -> None:
         {"sizes": (63, 100)},
         {"sizes": (49, 128)},
         {"batch": 0},
+        {"batch": 2**40},
+        {"actor": [(3, 4, 0, 16), (4, 2, 2**64 - 6, 48)]},
+        {"actor": [(3, 4, 0, 16), (4, 2**63, 32, 48)]},
+        {"action_weight": 2**64 - 2},
+        {"tau": nan},
+        {"bounds": (1.0, -1.0)},
+        {"bounds": (nan, 1.0)},
+        {"pretanh_penalty": -1.0},
         {"policy_delay": 0},
         {"action_weight": 125},
         {"mirror": ([0] * 9, [1.0] * 10)},

@@ -238,7 +238,7 @@ def test_the_first_bad_line_is_named_and_all_are_counted(tmp_path: Path, more: i
         read_list(file, SimConfig())
     reason = "the way to the goal circle is 0.05 m long, at least 0.1 m are needed"
     left = "it" if more == 0 else "them"
-    assert str(refusal.value) == f"{file}, line 2: {reason} ({counted}navrl eval --skip-invalid leaves {left} out)"
+    assert str(refusal.value) == f"{file}, line 2: {reason} ({counted}--skip-invalid leaves {left} out)"
 
 
 def test_a_list_without_scenarios_is_refused(tmp_path: Path) -> None:

@@ -111,3 +111,9 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 def test_refusals(words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["tune", *words, "--out", str(tmp_path / "study")]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_damaged_study_is_said_so(tmp_path: Path) -> None:
+    (tmp_path / "study.db").write_bytes(b"no database" * 40)
+    with pytest.raises(UserError, match=r"study\.db: damaged, or of something else"):
+        tune("gap", Config(), tmp_path, trials=1, episodes=2)

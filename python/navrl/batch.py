@@ -39,8 +39,8 @@ class BatchSim(_navsim.BatchSim):
       episode goes on;
     * ``poses (num_envs, 3) float64`` (m, m, rad), ``goals (num_envs, 2) float64`` (m): the situation now;
     * ``odometry (num_envs, 3) float64``: where each robot believes to be, its pose unless ``robot.odometry_noise`` is
-      set; ``clearances (num_envs,) float32``: distance (m) from its footprint to the nearest obstacle now; both are
-      copies, made when they are read;
+      set; ``clearances (num_envs,) float32``: distance (m, at most 1,000) from its footprint to the nearest obstacle
+      now; both are copies, made when they are read;
     * ``ranges (num_envs, beams) float32`` (m): what the lidar sees now, NaN for a lost beam; written by every call from
       the first time on that this attribute is read, since most users need the bins only;
     * ``velocities (num_envs, 2) float64`` (m/s, rad/s), ``episode_returns``, ``episode_steps``, ``episode_path`` (m),

@@ -162,7 +162,7 @@ def read_list(file: str | Path, sim: SimConfig, *, skip_invalid: bool = False, n
     if examined.refused and not skip_invalid:
         (line, reason), *others = examined.refused
         more, them = (f"{_and_more(others, 'line')}; ", "them") if others else ("", "it")
-        raise ScenarioError(f"{file}, line {line}: {reason} ({more}navrl eval --skip-invalid leaves {them} out)")
+        raise ScenarioError(f"{file}, line {line}: {reason} ({more}--skip-invalid leaves {them} out)")
     for line, reason in examined.refused:
         print(f"{file}, line {line}: left out: {reason}", file=sys.stderr)
     kept = examined.scenarios

@@ -129,12 +129,16 @@ def tune(
 def _open(folder: Path, task: dict[str, Any]) -> optuna.Study:
     try:
         import optuna
+        from sqlalchemy.exc import DatabaseError
     except ImportError:
         raise UserError("tune: needs Optuna: pip install 'navrl[tune]'") from None
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     folder.mkdir(parents=True, exist_ok=True)
     storage = f"sqlite:///{(folder / STUDY_FILE).absolute()}"
-    study = optuna.create_study(study_name="tune", storage=storage, direction="minimize", load_if_exists=True)
+    try:
+        study = optuna.create_study(study_name="tune", storage=storage, direction="minimize", load_if_exists=True)
+    except DatabaseError as error:
+        raise UserError(f"{folder / STUDY_FILE}: damaged, or of something else: {error.orig}") from None
     for key, value in task.items():
         held = study.user_attrs.get(key, value)
         if held != value:

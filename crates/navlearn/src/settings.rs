@@ -33,6 +33,11 @@ pub struct Settings {
     pub mirror: Option<Mirror>,
 }
 
+/// Largest number of rows of a batch, by common sense.
+const BATCH_MAX: usize = 1 << 20;
+/// Largest number of units of a layer, by common sense.
+const UNITS_MAX: usize = 1 << 20;
+
 impl Settings {
     /// Numbers in an observation.
     pub fn inputs(&self) -> usize {
@@ -47,7 +52,12 @@ impl Settings {
         expect("layers of the actor", self.actor.len(), self.actor.len() >= 2, || "at least 2".into())?;
         expect("layers of a critic", self.critic.len(), self.critic.len() >= 3, || "at least 3".into())?;
         expect("critics", self.critics, (1..=2).contains(&self.critics), || "1 or 2".into())?;
-        expect("rows of a batch", self.batch, self.batch >= 1, || "at least 1".into())?;
+        expect("rows of a batch", self.batch, (1..=BATCH_MAX).contains(&self.batch), || format!("1 to {BATCH_MAX}"))?;
+        expect("tau", self.tau, (0.0..=1.0).contains(&self.tau), || "in [0, 1]".into())?;
+        let penalty = self.pretanh_penalty;
+        expect("pretanh_penalty", penalty, penalty >= 0.0 && penalty.is_finite(), || "at least 0".into())?;
+        let [low, high] = self.bounds;
+        expect("the lower bound", low, low <= high, || format!("at most the upper one, {high}"))?;
         expect("policy_delay", self.policy_delay as usize, self.policy_delay >= 1, || "at least 1".into())?;
         let networks = [
             ("actor", &self.actor, self.sizes[0], 1, ACTIONS),
@@ -60,14 +70,19 @@ impl Settings {
                 expect_size(format!("inputs of a layer of the {name}"), pair[1].inputs, pair[0].outputs)?;
             }
             for layer in layers {
-                expect(format!("units of the {name}"), layer.outputs, layer.outputs * layer.inputs > 0, || {
-                    ">= 1".into()
-                })?;
+                for units in [layer.inputs, layer.outputs] {
+                    let fits = (1..=UNITS_MAX).contains(&units);
+                    expect(format!("units of the {name}"), units, fits, || format!("1 to {UNITS_MAX}"))?;
+                }
+                let place = layer.weight.max(layer.bias);
+                expect(format!("place of a layer of the {name}"), place, place < size, || format!("less than {size}"))?;
                 let end = layer.of_critics(count).weights().end.max(layer.of_critics(count).biases().end);
                 expect(format!("end of a layer of the {name}"), end, end <= size, || format!("at most {size}"))?;
             }
         }
-        let end = self.action_weight + self.critics * ACTIONS * self.critic[1].outputs;
+        let place = self.action_weight;
+        expect("place of W_a", place, place < self.sizes[1], || format!("less than {}", self.sizes[1]))?;
+        let end = place + self.critics * ACTIONS * self.critic[1].outputs;
         expect("end of W_a", end, end <= self.sizes[1], || format!("at most {}", self.sizes[1]))?;
         self.mirror.as_ref().map_or(Ok(()), |mirror| {
             let width = width(self.inputs());

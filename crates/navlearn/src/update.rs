@@ -252,6 +252,8 @@ impl<T: Real> Learner<T> {
         for (network, trained, size) in
             [("actor", actor, self.settings.sizes[0]), ("critic", critics, self.settings.sizes[1])]
         {
+            let rate = trained.rate;
+            expect(format!("the {network}'s rate"), rate, rate >= 0.0 && rate.is_finite(), || "at least 0".into())?;
             for (vector, numbers) in trained.vectors() {
                 expect_size(format!("the {network}'s {vector}"), numbers.len(), size)?;
                 if !all_finite(self.isa, numbers) {

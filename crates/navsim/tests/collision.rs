@@ -22,13 +22,15 @@ const PERIOD: f64 = 0.1;
 /// Thickness of the walls, m.
 const THIN: f64 = 1e-3;
 
-/// A wall of 1 mm and what drives at it.
+/// A wall of 1 mm, or one without thickness, and what drives at it.
 #[derive(Debug)]
 struct Move {
     footprint: Footprint,
     arc: Arc,
     /// Centre, yaw, length.
     wall: (Point, f64, f64),
+    /// Of the wall, m.
+    thickness: f64,
 }
 
 fn moves() -> u64 {
@@ -59,7 +61,8 @@ fn draw_any(random: &mut Stream, footprint: Footprint) -> Move {
     let at = arc.at(PERIOD * random.unit());
     let (reach, bearing) = (random.uniform(0.0, 2.0) * footprint.circumscribed_radius(), random.uniform(-pi, pi));
     let center = at.transform([reach * libm::cos(bearing), reach * libm::sin(bearing)]);
-    Move { footprint, arc, wall: (center, random.uniform(-pi, pi), libm::pow(10.0, random.uniform(-2.0, 0.7))) }
+    let wall = (center, random.uniform(-pi, pi), libm::pow(10.0, random.uniform(-2.0, 0.7)));
+    Move { footprint, arc, wall, thickness: if random.unit() < 0.5 { THIN } else { 0.0 } }
 }
 
 fn disc(random: &mut Stream) -> Footprint {
@@ -67,7 +70,9 @@ fn disc(random: &mut Stream) -> Footprint {
 }
 
 fn rectangle(random: &mut Stream) -> Footprint {
-    Footprint::Rectangle { length: random.uniform(0.1, 1.2), width: random.uniform(0.1, 0.8) }
+    // From a millimetre on.
+    let mut side = |most: f64| most * libm::pow(10.0, random.uniform(-3.0, 0.0));
+    Footprint::Rectangle { length: side(1.2).max(1e-3), width: side(0.8).max(1e-3) }
 }
 
 /// Corners of a box, counter-clockwise.
@@ -122,7 +127,7 @@ fn box_distance(one: &[Point; 4], other: &[Point; 4]) -> f64 {
 impl Move {
     fn corners(&self) -> [Point; 4] {
         let (center, yaw, length) = self.wall;
-        box_corners(center, yaw, length, THIN)
+        box_corners(center, yaw, length, self.thickness)
     }
 
     /// Distance at `time` between the wall and the footprint shrunk by `shrunk` m on every side.
@@ -161,7 +166,14 @@ impl Move {
 
     fn drive(&self) -> Sweep {
         let (center, yaw, length) = self.wall;
-        let wall = Obstacles::new(&[Shape::Box { center, yaw, length, width: THIN }]);
+        let [a, b, c, d] = self.corners();
+        let wall = if self.thickness > 0.0 {
+            Shape::Box { center, yaw, length, width: self.thickness }
+        } else {
+            let middle = |p: Point, q: Point| [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])];
+            Shape::Segment { a: middle(a, d), b: middle(b, c) }
+        };
+        let wall = Obstacles::new(&[wall]);
         let obstacles = [&wall, &Obstacles::default()];
         let start = Clearance::exactly(clearance(&self.footprint, &self.arc.start, obstacles));
         sweep(&self.footprint, &self.arc, PERIOD, obstacles, start, f32::INFINITY)
@@ -222,7 +234,7 @@ fn the_sweep_meets_what_parrys_nonlinear_cast_meets() {
         let drawn = draw(&mut random, shape);
         let end = drawn.drive();
         let (center, yaw, length) = drawn.wall;
-        let wall = Cuboid::new(Vector::new(0.5 * length, 0.5 * THIN));
+        let wall = Cuboid::new(Vector::new(0.5 * length, 0.5 * drawn.thickness));
         let still = NonlinearRigidMotion::constant_position(Isometry::new(Vector::new(center[0], center[1]), yaw));
         let motion = rigid_motion(&drawn.arc);
         let hit = match drawn.footprint {
@@ -291,4 +303,33 @@ fn a_bound_of_zero_is_measured() {
         let end = sweep(&Footprint::Disc { radius: 0.25 }, &arc, PERIOD, [&wall, &Obstacles::default()], known, 0.1);
         assert!(!end.contact && end.time == PERIOD, "{v}: {end:?}");
     }
+}
+
+/// Every kind of shape and footprint, at rest, within single precision of coordinates of up to 100 m.
+#[test]
+fn clearances_are_exact() {
+    let mut random = Stream::new(StreamName::new(13, Purpose::World, Split::Given, 0, 0));
+    for i in 0..moves() / 4 {
+        let footprint = if i % 4 == 0 { disc(&mut random) } else { rectangle(&mut random) };
+        let mut drawn = draw(&mut random, footprint);
+        let (east, north) = (random.uniform(-85.0, 85.0), random.uniform(-85.0, 85.0));
+        drawn.arc.start = Pose { x: drawn.arc.start.x + east, y: drawn.arc.start.y + north, ..drawn.arc.start };
+        drawn.wall.0 = [drawn.wall.0[0] + east, drawn.wall.0[1] + north];
+        let still = Move { arc: Arc { v: 0.0, omega: 0.0, ..drawn.arc }, ..drawn };
+        let (found, exact) = (f64::from(still.drive().clearance.measured), still.distance(0.0, 0.0));
+        assert!((found - exact).abs() < 3e-5, "{still:?}: {found}, not {exact}");
+    }
+}
+
+/// An answer of parry that was wrong by a quarter of a millimetre.
+#[test]
+fn a_rectangle_beside_a_wall() {
+    let wall = Shape::Segment {
+        a: [-4.373_463_476_189_845, -1.759_813_494_920_784_7],
+        b: [3.729_603_735_016_315_4, -3.813_177_249_159_391],
+    };
+    let start = Pose::new(-2.015_859_654_957_94, -0.367_941_743_333_999_4, 1.320_111_613_533_018);
+    let footprint = Footprint::Rectangle { length: 0.5, width: 0.4 };
+    let found = clearance(&footprint, &start, [&Obstacles::new(&[wall]), &Obstacles::default()]);
+    assert!((found - 1.677_851_5).abs() < 1e-6, "{found}");
 }

@@ -2,9 +2,11 @@
 
 import sys
 from argparse import Namespace
+from pathlib import Path
 
 from navrl.commands.options import output_file, threads, whole_number
 from navrl.commands.selection import place, scenario_list, simulator
+from navrl.errors import UserError
 from navrl.exit_codes import DONE
 
 
@@ -14,7 +16,11 @@ def evaluate(options: Namespace) -> int:
     num_threads = threads(options.threads)
     count = None if options.episodes is None else whole_number("--episodes", options.episodes, 1, 10**6)
 
+    from navrl.controllers import NAMES
     from navrl.policy import load_policy
+
+    if options.policy.split("+")[0] in NAMES or ("+" in options.policy and not Path(options.policy).exists()):
+        raise UserError(f"{options.policy}: is no policy alone: navrl compare {options.policy} --out DIR evaluates it")
 
     policy = load_policy(options.policy)
     sim = simulator(options, options.policy, policy.description)

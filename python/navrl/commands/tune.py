@@ -28,7 +28,10 @@ def tune(options: Namespace) -> int:
 
     from navrl import tune as search
 
-    print(f"navrl: tuning {options.name}, {trials} trials of {episodes} scenarios; {folder}", file=sys.stderr)
+    print(
+        f"navrl: tuning {options.name}, {trials} trial{'s' * (trials > 1)} of {episodes} scenarios; {folder}",
+        file=sys.stderr,
+    )
     best = search.tune(
         options.name,
         config,

@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import json
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -24,6 +25,8 @@ from navrl.metrics import Episode
 
 SETTINGS_FILE = "settings.json"
 CONTENDERS = "contenders"
+LONGEST_NAME = 150
+"""Characters of a contender's name in a file name: systems allow 255 bytes."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,7 @@ class ComparisonFolder:
             ends = np.cumsum([episode.steps for episode in episodes])
             if poses.shape != (ends[-1], 3):
                 raise ValueError("poses of other episodes")
-        except (OSError, ValueError, TypeError, KeyError, BadZipFile):
+        except (OSError, EOFError, ValueError, TypeError, KeyError, BadZipFile):
             raise UserError(f"{file}: damaged, or {tracks.name} is; remove both") from None
         return Record(name, scores, episodes, np.split(poses, ends[:-1]))
 
@@ -110,17 +113,24 @@ class ComparisonFolder:
         write_file(file, _json(kept))
 
     def _file(self, name: str) -> Path:
-        return self.path / CONTENDERS / (quote(name, safe="+") + ".json")
+        short = quote(name, safe="+")
+        if len(short) > LONGEST_NAME:
+            short = f"{short[:LONGEST_NAME]}-{sha256(name.encode()).hexdigest()[:16]}"
+        return self.path / CONTENDERS / f"{short}.json"
 
 
 def _read(file: Path) -> dict[str, Any]:
     try:
-        record = json.loads(file.read_text(encoding="utf-8"))
+        record = json.loads(file.read_text(encoding="utf-8"), parse_constant=_no_number)
     except ValueError:
         record = None
     if not isinstance(record, dict):
         raise UserError(f"{file}: damaged: not the JSON of a comparison")
     return record
+
+
+def _no_number(text: str) -> None:
+    raise ValueError(f"{text} is no number of JSON")
 
 
 def _json(value: Any) -> bytes:  # noqa: ANN401 - any JSON value

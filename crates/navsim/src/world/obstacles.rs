@@ -1,6 +1,7 @@
 //! Shapes prepared for the questions of a step: how near is the nearest one, and what does a beam meet.
 
 use super::blocks::{BLOCK, Block, Blocks};
+use super::distance as exact;
 use super::outline::{BOXES, Outline, TREE_FROM};
 use super::shapes::Shape;
 use crate::cpu::prefetch;
@@ -8,8 +9,9 @@ use crate::robot::Footprint;
 use parry2d::bounding_volume::{Aabb, BoundingVolume};
 use parry2d::math::{Pose, Rotation, Vector};
 use parry2d::partitioning::{Bvh, BvhBuildStrategy};
-use parry2d::query::{self, PointQuery, Ray, RayCast};
+use parry2d::query::{PointQuery, Ray, RayCast};
 use parry2d::shape::{Ball, ConvexPolygon, Cuboid, Segment, Shape as ParryShape};
+use std::ops::Range;
 
 /// From this many shapes on, a bounding volume hierarchy beats one shape after the other.
 const HIERARCHY_FROM: usize = 32;
@@ -24,6 +26,9 @@ const _: () = assert!(HIERARCHY_FROM <= (TREE_FROM - 1) * BOXES + 1);
 pub struct Obstacles {
     /// Boxes first, as `outline.boxes` has them unless there is a hierarchy.
     placed: Vec<Placed>,
+    /// The same in double precision, for rectangular footprints: parry's iterative distance of two such shapes errs by
+    /// tenths of a millimetre.
+    exact: Vec<exact::Solid>,
     /// A rectangle around each shape that is no box: [x0, y0, x1, y1], m.
     bounds: Blocks<4>,
     hierarchy: Option<Box<Bvh>>,
@@ -75,18 +80,22 @@ impl Obstacles {
     /// builds no hierarchy.
     pub fn refill(&mut self, shapes: &[Shape]) {
         self.placed.clear();
+        self.exact.clear();
         self.bounds.clear();
         self.hierarchy = None;
         self.outline.clear();
         let is_box = |shape: &&Shape| matches!(shape, Shape::Box { .. });
         self.placed.reserve_exact(shapes.len());
+        self.exact.reserve_exact(shapes.len());
         self.outline.boxes.reserve(shapes.iter().filter(is_box).count());
         for shape in shapes.iter().filter(is_box) {
             self.placed.push(Placed::new(shape));
+            self.exact.push(exact::Solid::new(shape));
             self.outline.push(shape);
         }
         for shape in shapes.iter().filter(|shape| !is_box(shape)) {
             self.placed.push(Placed::new(shape));
+            self.exact.push(exact::Solid::new(shape));
             self.bounds.push(bounding_rectangle(shape));
             self.outline.push(shape);
         }
@@ -126,7 +135,7 @@ impl Obstacles {
                 );
                 nearest.map_or(limit, |(_, distance)| distance)
             }
-            None => self.nearest_by(point, 0.0, limit, |placed| placed.distance_to_point(point)),
+            None => self.nearest_by(point, 0.0, limit, |index| self.placed[index].distance_to_point(point)),
         }
     }
 
@@ -139,19 +148,20 @@ impl Obstacles {
                 let radius = radius as f32;
                 return (self.distance(center, limit + radius) - radius).max(0.0);
             }
-            Footprint::Rectangle { length, width } => (0.5 * length as f32, 0.5 * width as f32),
+            Footprint::Rectangle { length, width } => (0.5 * length, 0.5 * width),
         };
-        let cuboid = Cuboid::new(Vector::new(half_length, half_width));
-        let reach = footprint.circumscribed_radius() as f32;
-        let (point, world_from_robot) = (vector(center), isometry(pose[0], pose[1], pose[2]));
-        let measure = |placed: &Placed| placed.distance_to_cuboid(&cuboid, &world_from_robot);
+        let (sin, cos) = libm::sincos(pose[2]);
+        let own = exact::Solid::turned_box(center, [cos, sin], half_length, half_width);
+        let point = vector(center);
+        let reach = own.reach as f32 + ROUNDING * (1.0 + point.x.abs() + point.y.abs());
+        let measure = |index: usize| self.exact[index].distance_to(&own) as f32;
         match &self.hierarchy {
             Some(hierarchy) => {
-                let own = cuboid.compute_aabb(&world_from_robot);
+                let around = Aabb::from_half_extents(point, Vector::splat(reach));
                 let nearest = hierarchy.find_best(
                     limit,
-                    |node, _| aabb_distance(&node.aabb(), &own),
-                    |leaf, _| Some(measure(&self.placed[leaf as usize])),
+                    |node, _| aabb_distance(&node.aabb(), &around),
+                    |leaf, _| Some(measure(leaf as usize)),
                 );
                 nearest.map_or(limit, |(_, distance)| distance)
             }
@@ -161,20 +171,21 @@ impl Obstacles {
 
     /// The smallest `distance` of a shape from something that reaches `reach` m around `point`, or `limit` if none is
     /// smaller. Asks only about shapes that come near enough: their bounds are looked at block by block.
-    fn nearest_by(&self, point: Vector, reach: f32, limit: f32, distance: impl Fn(&Placed) -> f32) -> f32 {
+    fn nearest_by(&self, point: Vector, reach: f32, limit: f32, distance: impl Fn(usize) -> f32) -> f32 {
         let closest =
-            |nearest: f32, gaps: &[f32], placed: &[Placed]| {
-                gaps.iter().zip(placed).fold(nearest, |nearest, (gap, placed)| {
-                    if *gap < nearest { nearest.min(distance(placed)) } else { nearest }
+            |nearest: f32, gaps: &[f32], shapes: Range<usize>| {
+                gaps.iter().zip(shapes).fold(nearest, |nearest, (gap, index)| {
+                    if *gap < nearest { nearest.min(distance(index)) } else { nearest }
                 })
             };
-        let (boxes, others) = self.placed.split_at(self.outline.boxes.len());
+        let boxes = self.outline.boxes.len();
         let mut nearest = limit;
-        for (block, placed) in self.outline.boxes.blocks().iter().zip(boxes.chunks(BOXES)) {
-            nearest = closest(nearest, &gaps_to_boxes(block, point, reach), placed);
+        for (i, block) in self.outline.boxes.blocks().iter().enumerate() {
+            nearest = closest(nearest, &gaps_to_boxes(block, point, reach), i * BOXES..boxes);
         }
-        for (rectangles, placed) in self.bounds.blocks().iter().zip(others.chunks(BLOCK)) {
-            nearest = closest(nearest, &gaps_to_rectangles(rectangles, point, reach), placed);
+        for (i, block) in self.bounds.blocks().iter().enumerate() {
+            let others = boxes + i * BLOCK..self.len();
+            nearest = closest(nearest, &gaps_to_rectangles(block, point, reach), others);
         }
         nearest
     }
@@ -295,15 +306,6 @@ impl Placed {
             Solid::Segment(segment) => segment.distance_to_local_point(point, true),
             Solid::Polygon(polygon) => polygon.distance_to_local_point(point, true),
         }
-    }
-
-    fn distance_to_cuboid(&self, cuboid: &Cuboid, world_from_cuboid: &Pose) -> f32 {
-        if let Solid::Ball(ball) = &self.solid {
-            let center = self.world_from_shape.translation;
-            return (cuboid.distance_to_point(world_from_cuboid, center, true) - ball.radius).max(0.0);
-        }
-        // Every pair of these types is supported by parry; a refusal would count as contact.
-        query::distance(world_from_cuboid, cuboid, &self.world_from_shape, self.shape()).map_or(0.0, |d| d.distance)
     }
 
     fn cast_ray(&self, ray: &Ray, limit: f32) -> Option<f32> {
