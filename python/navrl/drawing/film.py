@@ -91,7 +91,9 @@ def write(trajectory: Trajectory, file: Path, *, title: str) -> None:
 
 
 def picture(trajectory: Trajectory, room: Room) -> Image.Image:
-    """The whole episode in one picture: the path, faint robots along it, and the last step with its rays.
+    """The whole episode in one picture.
+
+    The path, faint robots along it, the robot at the end, and with its rays the one nearest to an obstacle that it saw.
 
     Args:
         trajectory: The episode.
@@ -102,7 +104,6 @@ def picture(trajectory: Trajectory, room: Room) -> Image.Image:
     """
     every = max(1, round(GHOST_S / trajectory.sim.task.period))
     ghosts = trajectory.poses[every : trajectory.steps : every]
-    # The rays of the step at which the robot came nearest to an obstacle that it saw.
     nearest = int(np.nan_to_num(trajectory.ranges, nan=np.inf).min(axis=1).argmin())
     return room.draw(trajectory.moment(trajectory.steps), ghosts=ghosts, scan=trajectory.moment(nearest))
 

@@ -158,7 +158,7 @@ class Room:
             self._draw_robot(draw, shown.pose, (*ROBOT, 255), (255, 255, 255, 255))
         picture = Image.new("RGB", (self.width, self.height), PAPER)
         picture.paste(canvas.reduce(self._supersample), (0, 0))
-        self._draw_caption(picture, moment)
+        self._draw_caption(picture, moment, seen)
         return picture
 
     def swatch(self) -> Image.Image:
@@ -264,7 +264,7 @@ class Room:
         cos, sin = math.cos(yaw) * reach, math.sin(yaw) * reach
         draw.polygon(self._px([(x + cos * a - sin * b, y + sin * a + cos * b) for a, b in arrow]), fill=mark)
 
-    def _draw_caption(self, picture: Image.Image, moment: Moment) -> None:
+    def _draw_caption(self, picture: Image.Image, moment: Moment, seen: Moment) -> None:
         draw = ImageDraw.Draw(picture)
         large, small = _font(15), _font(12)
         top = self.height - CAPTION_PX
@@ -279,6 +279,8 @@ class Room:
         # Adding 0 turns -0.0 into 0.
         turn = round(moment.omega, 2) + 0.0
         facts = f"{time:.1f} s   step {moment.step}   {moment.v:.2f} m/s   {turn:+.2f} rad/s   {left:.1f} m to goal"
+        if seen.step != moment.step:
+            facts += f"   lidar at {seen.step * self.sim.task.period:.1f} s"
         draw.text((14, top + 41), facts, font=small, fill=INK, anchor="lm")
         if draw.textlength(self._title, font=small) + draw.textlength(words, font=large) + 60 < self.width:
             draw.text((self.width - 14, top + 18), self._title, font=small, fill=FAINT_INK, anchor="rm")
