@@ -320,8 +320,15 @@ def test_values_that_are_not_finite_are_exit_code_3(tmp_path: Path) -> None:
 
 def test_ctrl_c_saves_says_how_to_resume_and_exits_130(tmp_path: Path) -> None:
     arguments = ["train", *map(str, SMALL), "--out", "run", "--steps", "100000000"]
+    # Whoever runs the tests in the background may ignore the signal, and what they start inherits that.
     with subprocess.Popen(
-        [NAVRL, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path, env=ENVIRONMENT
+        [NAVRL, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        env=ENVIRONMENT,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         assert process.stderr is not None
         seen = ""
