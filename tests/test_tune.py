@@ -114,6 +114,7 @@ def test_refusals(words: list[str], message: str, tmp_path: Path, capsys: pytest
 
 
 def test_a_damaged_study_is_said_so(tmp_path: Path) -> None:
+    pytest.importorskip("optuna", reason="Optuna is not installed: nothing is searched")
     (tmp_path / "study.db").write_bytes(b"no database" * 40)
     with pytest.raises(UserError, match=r"study\.db: damaged, or of something else"):
         tune("gap", Config(), tmp_path, trials=1, episodes=2)
