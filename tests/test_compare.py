@@ -1,8 +1,10 @@
 """`navrl compare`: who takes part, what they see, what is measured of them, and that it continues and repeats."""
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -322,6 +324,16 @@ def test_settings_of_controllers_leave_the_policys_robot(tmp_path: Path) -> None
         names = [str(policy), "gap", *typed]
         assert main(["compare", *names, "--episodes", "3", "--out", str(tmp_path / out)]) == 0
         assert json.loads((tmp_path / out / "settings.json").read_text())["robot.radius"] == 0.15
+
+
+def test_a_configuration_may_come_through_a_pipe(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pipe = tmp_path / "mine.toml"
+    os.mkfifo(pipe)
+    writer = Thread(target=pipe.write_text, args=("[robot]\nradius = 0.3\n",))
+    writer.start()
+    assert main(["compare", "default", "gap", "--config", str(pipe), "--out", str(tmp_path / "out")]) == 2
+    writer.join()
+    assert "default: robot.radius = 0.3: the policy was trained for 0.25" in capsys.readouterr().err
 
 
 def test_a_policy_for_the_level_real_is_not_compared_at_ideal(

@@ -3,11 +3,15 @@
 import sys
 from argparse import Namespace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from navrl.commands.options import output_file, threads, whole_number
 from navrl.commands.selection import place, scenario_list, simulator
 from navrl.errors import UserError
 from navrl.exit_codes import DONE
+
+if TYPE_CHECKING:
+    from navrl.policy import Policy
 
 
 def evaluate(options: Namespace) -> int:
@@ -16,13 +20,7 @@ def evaluate(options: Namespace) -> int:
     num_threads = threads(options.threads)
     count = None if options.episodes is None else whole_number("--episodes", options.episodes, 1, 10**6)
 
-    from navrl.controllers import NAMES
-    from navrl.policy import load_policy
-
-    if options.policy.split("+")[0] in NAMES or ("+" in options.policy and not Path(options.policy).exists()):
-        raise UserError(f"{options.policy}: is no policy alone: navrl compare {options.policy} --out DIR evaluates it")
-
-    policy = load_policy(options.policy)
+    policy = _policy(options.policy)
     sim = simulator(options, options.policy, policy.description)
     print(f"navrl: evaluating {options.policy} on {place(options, sim)}", file=sys.stderr)
 
@@ -37,3 +35,16 @@ def evaluate(options: Namespace) -> int:
         write_json(target, evaluation, options.policy)
     print(scores_table(evaluation.summary, options.policy, place(options, sim), Console()), end="")
     return DONE
+
+
+def _policy(name: str) -> "Policy":
+    from navrl.policy import load_policy
+
+    try:
+        return load_policy(name)
+    except UserError:
+        from navrl.controllers import NAMES
+
+        if not Path(name).exists() and ("+" in name or name in NAMES):
+            raise UserError(f"{name}: is no policy alone: navrl compare {name} --out DIR evaluates it") from None
+        raise

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from navrl.commands.options import given_settings
-from navrl.config.files import configured_tables, load_config, load_sim
+from navrl.config.files import ConfigFile, load_config, load_sim
 from navrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -47,7 +47,8 @@ def contest(options: Namespace, names: Sequence[str]) -> "tuple[Config, SimConfi
     """
     check_place(options)
     settings = given_settings(options, "world", "boxes")
-    config = load_config(options.config, robot=options.robot, level=options.level, options=settings)
+    file = None if options.config is None else ConfigFile.read(options.config)
+    config = load_config(file, robot=options.robot, level=options.level, options=settings)
 
     from navrl.comparing.contenders import enter
     from navrl.config.levels import at_level
@@ -55,8 +56,9 @@ def contest(options: Namespace, names: Sequence[str]) -> "tuple[Config, SimConfi
     entries = [enter(name) for name in names]
     sim = config.sim
     first = next((entry for entry in entries if entry.policy is not None), None)
-    configured = configured_tables(options.config, given_settings(options)) & {table.name for table in fields(sim)}
-    if first is not None and first.policy is not None and not options.robot and not configured:
+    tables = {option.key.partition(".")[0] for option in given_settings(options)}.union(file.tables if file else ())
+    configured = options.robot or tables.intersection(table.name for table in fields(sim))
+    if first is not None and first.policy is not None and not configured:
         sim = simulator(options, first.name.removesuffix(f"+{first.planner}"), first.policy.description)
         if options.level == "ideal" and at_level(sim, "real") == sim:
             raise UserError(f"{first.name}: was trained for --level real")

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, fields
 from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, Self, TypeVar, get_type_hints
 
 from navrl.config import WORLDS, Config, SimConfig
 from navrl.config.faults import meant, out_of_range, unknown_key, unknown_table
@@ -52,8 +52,27 @@ class _Layer:
     values: Mapping[str, Any]
 
 
+@dataclass(frozen=True)
+class ConfigFile:
+    """A TOML file that has been read: what it holds can be asked for more than once, also where it is a pipe."""
+
+    path: str
+    """As it was named."""
+    tables: Mapping[str, Any]
+    """What it sets, by table; not checked yet."""
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Self:
+        """Reads a file.
+
+        Raises:
+            ConfigError: one line on a file that cannot be read or is no TOML.
+        """
+        return cls(os.fspath(path), _read(Path(path)))
+
+
 def load_config(
-    file: str | os.PathLike[str] | None = None,
+    file: str | os.PathLike[str] | ConfigFile | None = None,
     *,
     preset: str = "fast",
     robot: str | None = None,
@@ -63,7 +82,7 @@ def load_config(
     """Builds the configuration of a run from its sources.
 
     Args:
-        file: TOML file; a relative world file in it counts from its folder.
+        file: TOML file, perhaps read already; a relative world file in it counts from its folder.
         preset: one of PRESETS.
         robot: one of ROBOTS: the shape, limits and lidar of a robot on the market.
         level: conditions under which the robot drives; they count before a file's. Settings of controllers and
@@ -81,7 +100,8 @@ def load_config(
         layers += _preset(robot, ROBOTS, "robot")
     layers += _preset(level, LEVELS, "level")
     if file is not None:
-        layers.append(_layer(os.fspath(file), _read(Path(file)), folder=Path(file).parent))
+        given = file if isinstance(file, ConfigFile) else ConfigFile.read(file)
+        layers.append(_layer(given.path, given.tables, folder=Path(given.path).parent))
     layers += (_option(option) for option in options)
     if level == "real":
         fixed = {f"{table}.{key}" for table, values in REAL.items() for key in values}
@@ -89,22 +109,6 @@ def load_config(
             if option.key in fixed:
                 raise ConfigError("is set by --level real", source=option.flag)
     return at_level(_build(Config, layers), level)
-
-
-def configured_tables(file: str | os.PathLike[str] | None, options: Sequence[Option]) -> set[str]:
-    """Tables of which a file or options set something.
-
-    Args:
-        file: TOML file.
-        options: settings of the command line.
-
-    Returns:
-        Their names.
-
-    Raises:
-        ConfigError: one line on a file that cannot be read.
-    """
-    return {*(() if file is None else _read(Path(file))), *(option.key.partition(".")[0] for option in options)}
 
 
 def load_sim(options: Sequence[Option]) -> SimConfig:
