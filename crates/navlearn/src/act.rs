@@ -4,6 +4,7 @@ use crate::batch::ACTIONS;
 use crate::error::{Result, expect, expect_size};
 use crate::kernels::Isa;
 use crate::network::Actor;
+use crate::packed::Packed;
 use crate::real::Real;
 use crate::settings::Settings;
 
@@ -24,7 +25,7 @@ impl<T: Real> Acting<T> {
     /// Memory for the actor of `settings`, which are checked.
     pub fn new(settings: &Settings, isa: Isa) -> Self {
         let observations = vec![T::ZERO; settings.inputs() * ROWS];
-        Self { actor: Actor::new(&settings.actor, ROWS, isa), observations, size: settings.sizes[0] }
+        Self { actor: Actor::new(&settings.actor, [ROWS; 2], isa), observations, size: settings.sizes[0] }
     }
 
     /// Sets `actions` (n, 2) to tanh of the actor's outputs for `observations` (n, inputs), both by rows.
@@ -43,7 +44,7 @@ impl<T: Real> Acting<T> {
                     *number = T::of(f64::from(x));
                 }
             }
-            self.actor.forward(parameters, &self.observations);
+            self.actor.forward(Packed::new([parameters, &[]]), &self.observations);
             let (forward, turn) = self.actor.outputs.split_at(ROWS);
             for (action, (v, omega)) in actions.chunks_exact_mut(ACTIONS).zip(forward.iter().zip(turn)) {
                 // Eq. 8: mu(s) = tanh of the output layer

@@ -44,6 +44,11 @@ impl Settings {
         self.actor[0].inputs
     }
 
+    /// Rows of a batch that are summed first: half of them.
+    pub fn cut(&self) -> usize {
+        self.batch.div_ceil(2)
+    }
+
     /// Refuses what cannot be: sizes that do not follow each other, places beyond a vector.
     ///
     /// # Errors

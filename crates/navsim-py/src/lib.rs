@@ -12,6 +12,9 @@ use pyo3::prelude::*;
 /// The simulator core of navrl.
 #[pymodule]
 mod _navsim {
+    /// |input of the actor's tanh| beyond which an output counts as saturated.
+    #[pymodule_export]
+    const SATURATED: f64 = navlearn::SATURATED;
     #[pymodule_export]
     use super::{check_world, isa};
     #[pymodule_export]
@@ -19,7 +22,7 @@ mod _navsim {
     #[pymodule_export]
     use crate::controller::Controller;
     #[pymodule_export]
-    use crate::learner::Learner;
+    use crate::learner::{Learner, Room, UpdateRecord};
     #[pymodule_export]
     use crate::planner::{Lookahead, plan};
     #[pymodule_export]

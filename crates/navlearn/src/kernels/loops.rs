@@ -2,7 +2,7 @@
 //!
 //! Sums run in `LANES` fixed lanes, so that their order does not depend on the width of the vectors.
 
-use crate::adam::{EPSILON, FIRST_DECAY, Moments, SECOND_DECAY, Step};
+use crate::adam::{EPSILON, FIRST_DECAY, SECOND_DECAY, Step, Vectors};
 use crate::real::Real;
 
 /// Partial sums of a sum: the numbers in one vector of the widest instruction set.
@@ -42,6 +42,14 @@ fn sum_of<T: Real>(a: &[T], b: &[T], f: impl Fn(T, T) -> T) -> T {
     total(lanes)
 }
 
+/// The sum over the places below `cut` plus that over the others.
+#[inline(always)]
+fn sum_in_parts<T: Real>(a: &[T], b: &[T], cut: usize, f: impl Fn(T, T) -> T + Copy) -> T {
+    let ((a, rest_a), (b, rest_b)) = (a.split_at(cut), b.split_at(cut));
+    let first = sum_of(a, b, f);
+    if rest_a.is_empty() { first } else { first + sum_of(rest_a, rest_b, f) }
+}
+
 #[inline(always)]
 pub fn bias_relu<T: Real>(z: &mut [T], bias: &[T], batch: usize) {
     for (row, &b) in z.chunks_exact_mut(batch).zip(bias) {
@@ -62,12 +70,12 @@ pub fn combined_relu<T: Real>(z: &mut [T], bias: &[T], weight: &[T], actions: &[
 }
 
 #[inline(always)]
-pub fn through_relu<T: Real>(gradient: &mut [T], outputs: &[T], sums: &mut [T], batch: usize) {
+pub fn through_relu<T: Real>(gradient: &mut [T], outputs: &[T], sums: &mut [T], batch: usize, cut: usize) {
     for ((row, outputs), sum) in gradient.chunks_exact_mut(batch).zip(outputs.chunks_exact(batch)).zip(sums) {
         for (g, &y) in row.iter_mut().zip(outputs) {
             *g = if y > T::ZERO { *g } else { T::ZERO };
         }
-        *sum = sum_of(row, outputs, |g, _| g);
+        *sum = sum_in_parts(row, outputs, cut, |g, _| g);
     }
 }
 
@@ -98,11 +106,11 @@ pub fn narrow<T: Real>(weight: &[T], bias: Option<&[T]>, inputs: &[T], outputs: 
 }
 
 #[inline(always)]
-pub fn narrow_weights<T: Real>(upper: &[T], inputs: &[T], gradient: &mut [T], batch: usize) {
+pub fn narrow_weights<T: Real>(upper: &[T], inputs: &[T], gradient: &mut [T], batch: usize, cut: usize) {
     let units = inputs.len() / batch;
     for (upper, row) in upper.chunks_exact(batch).zip(gradient.chunks_exact_mut(units)) {
         for (g, inputs) in row.iter_mut().zip(inputs.chunks_exact(batch)) {
-            *g = sum_of(upper, inputs, |u, x| u * x);
+            *g = sum_in_parts(upper, inputs, cut, |u, x| u * x);
         }
     }
 }
@@ -130,27 +138,31 @@ fn stepped<T: Real>(step: Step<T>, gradient: T, parameter: T, first: &mut T, sec
 }
 
 #[inline(always)]
-pub fn adam<T: Real>(step: Step<T>, gradient: &[T], moments: Moments<'_, T>, parameters: &mut [T]) {
-    let moments = moments.first.iter_mut().zip(moments.second);
-    for ((p, &g), (first, second)) in parameters.iter_mut().zip(gradient).zip(moments) {
-        *p = stepped(step, g, *p, first, second);
+pub fn adam<T: Real>(step: Step<T>, gradients: [&[T]; 2], vectors: Vectors<'_, T>, tau: Option<T>) {
+    match gradients {
+        [whole, []] => step_all(step, whole.iter().copied(), vectors, tau),
+        [first, second] => step_all(step, first.iter().zip(second).map(|(&a, &b)| a + b), vectors, tau),
     }
 }
 
 #[inline(always)]
-pub fn adam_and_follow<T: Real>(
-    step: Step<T>,
-    gradient: &[T],
-    moments: Moments<'_, T>,
-    parameters: &mut [T],
-    targets: &mut [T],
-    tau: T,
-) {
-    let moments = moments.first.iter_mut().zip(moments.second);
-    for (((p, &g), (first, second)), target) in parameters.iter_mut().zip(gradient).zip(moments).zip(targets) {
-        *p = stepped(step, g, *p, first, second);
-        // Eq. 10: theta' <- tau theta + (1 - tau) theta'
-        *target = (*target + tau * (*p - *target)).settled();
+fn step_all<T: Real>(step: Step<T>, gradient: impl Iterator<Item = T>, vectors: Vectors<'_, T>, tau: Option<T>) {
+    let Vectors { parameters, targets, first, second } = vectors;
+    let moments = first.iter_mut().zip(second);
+    let places = parameters.iter_mut().zip(gradient).zip(moments);
+    match tau {
+        None => {
+            for ((p, g), (first, second)) in places {
+                *p = stepped(step, g, *p, first, second);
+            }
+        }
+        Some(tau) => {
+            for (((p, g), (first, second)), target) in places.zip(targets) {
+                *p = stepped(step, g, *p, first, second);
+                // Eq. 10: theta' <- tau theta + (1 - tau) theta'
+                *target = (*target + tau * (*p - *target)).settled();
+            }
+        }
     }
 }
 
@@ -172,4 +184,9 @@ pub fn rows_finite<T: Real>(numbers: &[T], width: usize, rows: &[i64]) -> bool {
 pub fn all_finite<T: Real>(numbers: &[T]) -> bool {
     // Whole blocks at a time, for an exit from within would keep them from being vectors.
     numbers.chunks(4 * LANES).all(|block| block.iter().fold(true, |all, x| all & x.finite()))
+}
+
+#[inline(always)]
+pub fn all_bounded<T: Real>(numbers: &[T]) -> bool {
+    numbers.chunks(4 * LANES).all(|block| block.iter().fold(true, |all, x| all & (x.size() <= T::HALF)))
 }
