@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "SATURATED",
+    "Actor",
     "BatchSim",
     "Controller",
     "Learner",
@@ -136,6 +137,23 @@ class UpdateRecord:
     @property
     def saturated_share(self) -> float:
         """Share of the actor's outputs beyond `SATURATED`."""
+
+@final
+class Actor:
+    """A trained actor; each layer is (inputs, outputs, place of W, place of b) in its parameters (n,) float32.
+
+    Raises:
+        ValueError: Layers that do not follow each other or lie beyond the parameters.
+    """
+
+    def __new__(cls, places: Sequence[tuple[int, int, int, int]], parameters: NDArray[np.float32]) -> Self: ...
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Actions (n, 2) in [-1, 1] for encoded observations (n, inputs), the same bits for a row in any batch.
+
+        Raises:
+            TypeError: An array of another type.
+            ValueError: Another shape, or not contiguous.
+        """
 
 @final
 class Learner:

@@ -117,7 +117,7 @@ impl<T: Real> Learner<T> {
             pool,
             process: std::process::id(),
             patience: Patience::default(),
-            acting: Acting::new(&settings, isa),
+            acting: Acting::new(&settings.actor, settings.sizes[0], isa)?,
             settings,
         })
     }

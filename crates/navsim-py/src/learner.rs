@@ -1,7 +1,8 @@
 //! The learner's updates for Python.
 
+use crate::actor::answers;
 use crate::arguments::{copy_mask, refusal};
-use navlearn::{ACTIONS, Draws, Error, Layer, Mirror, Real, Record, Settings, Trained, Updates, Vectors};
+use navlearn::{Draws, Error, Layer, Mirror, Real, Record, Settings, Trained, Updates, Vectors};
 use numpy::ndarray::Dimension;
 use numpy::{
     Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,
@@ -59,14 +60,14 @@ enum Core {
 type Arrays<'py, T> = [Bound<'py, PyArray1<T>>; 4];
 
 /// (inputs, outputs, place of W, place of b) of a layer.
-type Place = (usize, usize, usize, usize);
+pub(crate) type Place = (usize, usize, usize, usize);
 
-fn layers(places: Vec<Place>) -> Vec<Layer> {
+pub(crate) fn layers(places: Vec<Place>) -> Vec<Layer> {
     places.into_iter().map(|(inputs, outputs, weight, bias)| Layer { inputs, outputs, weight, bias }).collect()
 }
 
 /// The Python exception of a refusal: ValueError for sizes, ArithmeticError for NaN and infinity.
-fn stopped(error: Error) -> PyErr {
+pub(crate) fn stopped(error: Error) -> PyErr {
     match error {
         Error::Size { .. } => PyValueError::new_err(error.to_string()),
         _ => PyArithmeticError::new_err(error.to_string()),
@@ -101,7 +102,7 @@ fn refuse_overlap<T: Element>(vectors: &[&Bound<'_, PyArray1<T>>], read: [Range<
 }
 
 /// The numbers of an array that is stored row by row.
-fn numbers<'a, T: Element, D: Dimension>(name: &str, array: &'a PyReadonlyArray<'_, T, D>) -> PyResult<&'a [T]> {
+pub(crate) fn numbers<'a, T: Element, D: Dimension>(name: &str, array: &'a PyReadonlyArray<'_, T, D>) -> PyResult<&'a [T]> {
     array.as_slice().map_err(|_| PyValueError::new_err(format!("{name}: expected a C-contiguous array")))
 }
 
@@ -154,17 +155,8 @@ fn act<'py, T: Real + Element>(
     observations: &PyReadonlyArray2<'py, f32>,
 ) -> PyResult<Bound<'py, PyArray2<f32>>> {
     let actor: PyReadonlyArray1<'py, T> = actor.extract()?;
-    let (parameters, rows) = (numbers("actor", &actor)?, numbers("observations", observations)?);
-    let (inputs, width) = (core.settings().inputs(), observations.shape()[1]);
-    if width != inputs {
-        return Err(PyValueError::new_err(format!("observations: expected {inputs} columns, got {width}")));
-    }
-    let actions = PyArray2::zeros(py, [observations.shape()[0], ACTIONS], false);
-    let mut borrowed = actions.readwrite();
-    let result = borrowed.as_slice_mut()?;
-    py.detach(|| core.acting().act(parameters, rows, result)).map_err(stopped)?;
-    drop(borrowed);
-    Ok(actions)
+    let (parameters, acting) = (numbers("actor", &actor)?, core.acting());
+    answers(py, acting.inputs(), observations, |rows, actions| acting.act(parameters, rows, actions))
 }
 
 #[pymethods]

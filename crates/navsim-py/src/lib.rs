@@ -1,5 +1,6 @@
 //! Python module `navrl._navsim`: checks arrays, releases the interpreter lock, calls the core, maps errors.
 
+mod actor;
 mod arguments;
 mod batch;
 mod controller;
@@ -17,6 +18,8 @@ mod _navsim {
     const SATURATED: f64 = navlearn::SATURATED;
     #[pymodule_export]
     use super::{check_world, isa};
+    #[pymodule_export]
+    use crate::actor::Actor;
     #[pymodule_export]
     use crate::batch::BatchSim;
     #[pymodule_export]
