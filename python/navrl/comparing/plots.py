@@ -39,7 +39,7 @@ SMOOTH = 2
 """Pictures are drawn so many times larger and then reduced."""
 NAMES_PX, PLOT_PX, RIGHT_PX, ROW_PX, HEAD_PX, FOOT_PX = 160, 560, 90, 34, 76, 44
 """Widths of names, plot and what is right of it; heights of a row and of what is above and below, pixels."""
-OUTCOME_FILLS = {"goal": GOAL, "collision": (190, 24, 60), "timeout": (244, 190, 80)}
+OUTCOME_FILLS = {"goal": GOAL, "collision": (170, 20, 50), "timeout": (244, 190, 80)}
 """Colours of outcomes as areas: as light or dark as can be told apart without seeing red and green."""
 BARS = 50
 """Bars of a distribution."""
