@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from contending import SIM, policy_folder
 from navrl.cli import main
-from navrl.compare import compare, enter
+from navrl.compare import compare
 from navrl.config import ControllersConfig, LidarConfig, PlannerConfig, RobotConfig
 from navrl.config.files import load_config
 from navrl.config.levels import LEVELS, at_level
@@ -205,56 +204,7 @@ def test_a_policy_for_another_robot_is_refused_but_for_what_the_level_sets(drawn
         compare([other], drawn.first(2), SIM, tmp_path / "out", level="real")
 
 
-# Contenders of one's own
-
-
-def straight(
-    ranges: NDArray[np.float32], goal: NDArray[np.float64], velocity: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """As the built-in one."""
-    return np.stack([np.where(np.abs(goal[:, 1]) < 0.3, 0.5, 0.0), np.clip(2 * goal[:, 1], -1, 1)], axis=1)
-
-
-class Remembering:
-    """The same, as an object that is told which robot it drives."""
-
-    def reset(self) -> None:
-        self.robots: set[int] = set()
-
-    def command(
-        self,
-        ranges: NDArray[np.float32],
-        goal: NDArray[np.float64],
-        velocity: NDArray[np.float64],
-        robots: NDArray[np.intp],
-    ) -> NDArray[np.float64]:
-        self.robots |= set(robots.tolist())
-        return straight(ranges, goal, velocity)
-
-
-def test_functions_and_objects_take_part_under_their_names(drawn: ScenarioList, tmp_path: Path) -> None:
-    mine = [enter("mine", straight), enter("object", Remembering()), enter("mine+astar", straight)]
-    comparison = compare(["straight", "straight+astar", *mine], drawn, SIM, tmp_path / "out")
-    built_in, led, function, remembering, own_led = comparison.records
-    assert function.episodes == remembering.episodes == built_in.episodes
-    assert own_led.episodes == led.episodes != built_in.episodes
-    assert [record.name for record in comparison.records[2:]] == ["mine", "object", "mine+astar"]
-    assert [record.scores["knows_map"] for record in comparison.records] == [False, True, False, False, True]
-    assert comparison.pairs[1].mcnemar_p == 1.0
-
-
-def test_a_function_is_driven_anew_each_time(drawn: ScenarioList, tmp_path: Path) -> None:
-    """Nobody knows whether a function of the same name still does the same."""
-    first = compare([enter("mine", straight)], drawn.first(3), SIM, tmp_path / "out")
-    other = compare([enter("mine", lambda *_: np.zeros((len(_[0]), 2)))], drawn.first(3), SIM, tmp_path / "out")
-    assert first.records[0].episodes != other.records[0].episodes
-    assert {episode.outcome for episode in other.records[0].episodes} == {"timeout"}
-
-
-def test_a_controller_for_another_robot_is_refused(drawn: ScenarioList, tmp_path: Path) -> None:
-    slow = Controller("gap", replace(SIM, robot=RobotConfig(v_max=0.2)))
-    with pytest.raises(UserError, match=r"slow: robot\.v_max = 0\.5: the controller was made for 0\.2"):
-        compare([enter("slow", slow)], drawn.first(2), SIM, tmp_path / "out")
+# Settings
 
 
 def test_classical_settings_are_those_of_the_level(drawn: ScenarioList, tmp_path: Path) -> None:
@@ -302,17 +252,6 @@ def test_nothing_is_announced_that_is_then_refused(tmp_path: Path, capsys: pytes
     ):
         assert main(typed) == 2
         assert len(capsys.readouterr().err.splitlines()) == 1, typed
-
-
-@pytest.mark.parametrize("name", ["gap", "default", "gap+astar", "mine+astr"])
-def test_what_is_given_has_a_name_of_its_own(name: str) -> None:
-    with pytest.raises(UserError, match=rf"{name.replace('+', '.')}: expected a (name of your own|planner)"):
-        enter(name, lambda *_: np.zeros((1, 2)))
-
-
-def test_what_is_given_leaves_nothing_behind(drawn: ScenarioList, tmp_path: Path) -> None:
-    compare([enter("mine", lambda *_: np.zeros((len(_[0]), 2)))], drawn.first(2), SIM, tmp_path)
-    assert list((tmp_path / "contenders").glob("*")) == []
 
 
 def test_settings_of_controllers_leave_the_policys_robot(tmp_path: Path) -> None:

@@ -125,14 +125,14 @@ class Comparison:
 class FailedPilots(UserError):
     """Pilots that the user gave have failed; the text says which, in which scenarios and how."""
 
-    def __init__(self, faults: Sequence[str], comparison: Comparison | None) -> None:
+    def __init__(self, faults: Sequence[PilotError], comparison: Comparison | None) -> None:
         """Keeps what the other contenders did.
 
         Args:
             faults: One for each that failed.
             comparison: Of the others; None if there are none.
         """
-        super().__init__("; ".join(faults))
+        super().__init__("; ".join(str(fault) for fault in faults))
         self.comparison = comparison
 
 
@@ -192,15 +192,15 @@ def compare(
                 record = _run(contender, scenarios, sim, controllers, planner, num_threads, display)
             except PilotError as error:
                 _say(display, str(error))
-                faults.append(str(error))
+                faults.append(error)
                 continue
             if contender.is_known:
                 kept.keep(record, contender.policy_sha256)
             _say(display, f"{_line(record)}, in {perf_counter() - begin:.1f} s")
         records.append(record)
     comparison = _compared(records, others, scenarios, sim, level) if records or others else None
-    if faults or comparison is None:
-        raise FailedPilots(faults, comparison)
+    if comparison is None or faults:
+        raise FailedPilots(faults, comparison) from faults[0]
     return comparison
 
 
