@@ -15,8 +15,9 @@ from navrl import machine
 from navrl.cli import main
 from navrl.compare import Comparison, compare, enter, write
 from navrl.comparing import plots
-from navrl.comparing.report import markdown, percent, terminal
+from navrl.comparing.report import markdown, terminal
 from navrl.comparing.short_names import LONGEST, short_names
+from navrl.comparing.tables import percent
 from navrl.scenarios import ScenarioList, given_list
 
 pytestmark = pytest.mark.usefixtures("quick")
@@ -57,26 +58,26 @@ def test_the_figures_of_all_files_are_the_same(tmp_path: Path, capsys: pytest.Ca
         assert {row["contender"] for row in rows} == {scores["name"]}
         arrives, drives, thinks = rows
         for header, key in (
-            ("success % (95 %)", "success"),
-            ("collision % (95 %)", "collision"),
-            ("time-out % (95 %)", "timeout"),
-            ("success with detour % (95 %)", "detour_success"),
+            ("success (%, 95 % CI)", "success"),
+            ("collision (%, 95 % CI)", "collision"),
+            ("time-out (%, 95 % CI)", "timeout"),
+            ("detour solved (%, 95 % CI)", "detour_success"),
         ):
             assert arrives[header] == share(scores, key)
             assert arrives[header] in printed
         assert arrives["SPL"] == f"{scores['spl']:.3f}"
-        assert thinks["decision p50 ms"] == f"{scores['decision_p50_ms']:.3f}"
-        assert re.search(rf"^{re.escape(scores['name'])} .* {thinks['decision p50 ms']}$", printed, re.MULTILINE)
+        assert thinks["decision p50 (ms)"] == f"{scores['decision_p50_ms']:.3f}"
+        assert re.search(rf"^{re.escape(scores['name'])} .* {thinks['decision p50 (ms)']}$", printed, re.MULTILINE)
         if scores["name"] == "gap+rrt":
-            assert thinks["plan p99 ms"] == f"{scores['planning_p99_ms']:.2f}"
-            assert drives["time s"] == f"{scores['time_to_goal_s']:.2f}"
+            assert thinks["plan p99 (ms)"] == f"{scores['planning_p99_ms']:.2f}"
+            assert drives["time (s)"] == f"{scores['time_to_goal_s']:.2f}"
     assert len(results["pairs"]) == 3
     for pair, row in zip(results["pairs"], table(text, "Each against each"), strict=True):
         assert [row["a"], row["b"], row["only a"], row["only b"]] == [
             str(pair[k]) for k in ("a", "b", "only_a", "only_b")
         ]
         low, high = pair["spl_diff_ci95"]
-        assert row["SPL a - b (95 %)"] == f"{pair['spl_diff']:+.3f} ({low:+.3f} to {high:+.3f})"
+        assert row["SPL a - b (95 % CI)"] == f"{pair['spl_diff']:+.3f} ({low:+.3f} to {high:+.3f})"
     assert "3 contenders on td3, list test, level ideal: 8 scenarios" in printed
     assert f"{out}/report.md: clearance" in printed
 
@@ -99,7 +100,8 @@ def test_results_and_report_say_what_made_them(three: Comparison, tmp_path: Path
 
 def test_the_terminal_has_80_columns(drawn: ScenarioList, tmp_path: Path) -> None:
     folder = policy_folder(tmp_path / "a-policy-in-a-folder-with-a-long-name")
-    comparison = compare([f"{folder}+antcolony", str(folder), "gap"], drawn.first(4), SIM, tmp_path / "out")
+    still = enter("[red]mine", lambda ranges, *_: np.zeros((len(ranges), 2)))
+    comparison = compare([f"{folder}+antcolony", str(folder), still], drawn.first(4), SIM, tmp_path / "out")
     printed = terminal(comparison, "out/report.md", Console(width=80))
     tables = printed.rpartition("out/report.md: ")[0].splitlines()
     assert max(len(line) for line in tables) <= 80
