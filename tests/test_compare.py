@@ -4,7 +4,7 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
-from threading import Thread
+from threading import Thread, get_ident
 from typing import Any
 
 import numpy as np
@@ -13,13 +13,14 @@ import pytest
 from contending import SIM, policy_folder
 from navrl.cli import main
 from navrl.compare import compare
+from navrl.comparing import contenders
 from navrl.config import ControllersConfig, LidarConfig, PlannerConfig, RobotConfig
 from navrl.config.files import load_config
 from navrl.config.levels import LEVELS, at_level
 from navrl.controllers import Controller
 from navrl.errors import UserError
 from navrl.evaluate import evaluate
-from navrl.planners import plan_all
+from navrl.planners import Plan, plan_all
 from navrl.policy import load_policy
 from navrl.scenarios import ScenarioList, given_list
 
@@ -70,6 +71,25 @@ def test_a_comparison_by_hand(drawn: ScenarioList, tmp_path: Path) -> None:
     assert entry["plan_ratio"] == pytest.approx(np.mean(lengths / drawn.shortest))
     assert entry["plans_found"] == 12
     assert 0 < entry["decision_p50_ms"] <= entry["decision_p99_ms"]
+
+
+def test_plans_are_made_and_timed_one_after_the_other(
+    drawn: ScenarioList, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, real = [], contenders.plan
+
+    def recorded(*arguments: Any, **keywords: Any) -> Plan:  # noqa: ANN401 - as plan
+        plan = real(*arguments, **keywords)
+        made.append((get_ident(), plan.time))
+        return plan
+
+    monkeypatch.setattr(contenders, "plan", recorded)
+    comparison = compare(["gap+astar"], drawn, SIM, tmp_path / "out", num_threads=2)
+    assert {thread for thread, _ in made} == {get_ident()}
+    scores = comparison.records[0].scores
+    times = [1e3 * time for _, time in made[:12]]
+    for key, percentile in (("planning_p50_ms", 50), ("planning_p99_ms", 99)):
+        assert scores[key] == pytest.approx(np.percentile(times, percentile))
 
 
 TIMES = ("decision_p50_ms", "decision_p99_ms", "planning_p50_ms", "planning_p99_ms")

@@ -28,6 +28,7 @@ from navrl.comparing.folder import ComparisonFolder, Record
 from navrl.comparing.pilot_errors import PilotError
 from navrl.comparing.progress import shown_drive, shown_plans
 from navrl.comparing.report import headline, markdown
+from navrl.comparing.short_names import short_names
 from navrl.comparing.timing import decision_times
 from navrl.config import ControllersConfig, PlannerConfig, SimConfig
 from navrl.config.files import load_config
@@ -113,6 +114,10 @@ class Comparison:
             | self._over_common(record)
             for record in self.records
         ]
+
+    def short_names(self) -> list[str]:
+        """Names of all contenders as tables and pictures show them."""
+        return short_names([record.name for record in self.records])
 
     def _over_common(self, record: Record) -> dict[str, float | None]:
         solved = [record.episodes[index] for index in self.common]

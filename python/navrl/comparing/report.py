@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from navrl.comparing.short_names import short_names
 from navrl.comparing.tables import ARRIVE, DECISION, DETOUR, DRIVE, detours, sheet, sheets
 from navrl.scenarios import LIST_SIZES
 
@@ -105,10 +104,9 @@ def _circumstances(comparison: Comparison) -> list[str]:
         by.setdefault(_made_with(record.made_with), []).append(f"`{record.name}`")
     for made_with, names in by.items():
         lines.append(f"- {made_with}{'' if len(by) == 1 else ': ' + ', '.join(names)}.")
-    names = [record.name for record in comparison.records]
-    for name, short in zip(names, short_names(names), strict=True):
-        if name != short:
-            lines.append(f"- {_escaped(short)} is `{name}`.")
+    for record, short in zip(comparison.records, comparison.short_names(), strict=True):
+        if record.name != short:
+            lines.append(f"- {_escaped(short)} is `{record.name}`.")
     return lines
 
 

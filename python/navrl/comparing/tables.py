@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from navrl.comparing.short_names import short_names
 from navrl.comparing.timing import CALLS
 
 if TYPE_CHECKING:
@@ -112,8 +111,8 @@ def sheet(comparison: Comparison, title: str, note: str, columns: Sequence[Colum
         columns: Measures.
     """
     entries = comparison.contenders()
-    names = short_names([entry["name"] for entry in entries])
-    rows = [(name, *(column.cell(entry) for column in columns)) for name, entry in zip(names, entries, strict=True)]
+    named = zip(comparison.short_names(), entries, strict=True)
+    rows = [(name, *(column.cell(entry) for column in columns)) for name, entry in named]
     headers = (f"{column.measure}\n({column.unit})" if column.unit else column.measure for column in columns)
     return Sheet(title, note, ("contender", *headers), rows)
 
@@ -167,8 +166,7 @@ def detours(comparison: Comparison) -> str:
 
 
 def _against(pair: Pair, comparison: Comparison) -> tuple[str, ...]:
-    names = [record.name for record in comparison.records]
-    shorts = dict(zip(names, short_names(names), strict=True))
+    shorts = dict(zip((record.name for record in comparison.records), comparison.short_names(), strict=True))
     return (
         shorts[pair.a],
         shorts[pair.b],
