@@ -4,25 +4,18 @@ Each drives the first scenarios of a validation list once. Nothing is random in 
 and the floor lies below it by no more than what a compiler's other rounding may turn, two episodes of a hundred.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 
 from contending import SIM
-from navrl.comparing.contenders import enter
-from navrl.config import (
-    ControllersConfig,
-    DwaConfig,
-    GapConfig,
-    MppiConfig,
-    PlannerConfig,
-    PursuitConfig,
-    WorldConfig,
-)
-from navrl.config.files import load_config
-from navrl.config.levels import Level, at_level
-from navrl.evaluate import Evaluation, measure
+from navrl.compare import compare
+from navrl.comparing.folder import Record
+from navrl.config import ControllersConfig, DwaConfig, GapConfig, MppiConfig, PursuitConfig, WorldConfig
+from navrl.config.levels import Level
 from navrl.scenarios import load_list
 
 WORLDS = {"td3": WorldConfig(name="td3"), "boxes": WorldConfig(name="boxes", boxes=16)}
@@ -60,36 +53,42 @@ WEAKER = {
 """Settings that make a baseline clearly weaker."""
 
 
-def drive(measured: Measured, controllers: ControllersConfig | None = None) -> Evaluation:
-    """Drives it, with other settings than those that ship if they are given."""
-    shipped = load_config(level=measured.level)
-    sim = at_level(replace(SIM, world=WORLDS[measured.world]), measured.level)
-    contender, scenarios = enter(measured.contender), load_list(sim, "validation", count=measured.scenarios)
-    plans = list(contender.plans(scenarios.scenarios, sim, PlannerConfig()))
-    driver = contender.driver(scenarios.scenarios, plans, sim, controllers or shipped.controllers)
-    return measure(driver, scenarios, sim, num_threads=1)
+Drive = Callable[[Measured, ControllersConfig | None], Record]
+"""Drives a baseline with settings, or with those that ship."""
 
 
-def falls_short(evaluation: Evaluation, measured: Measured) -> bool:
+@pytest.fixture
+def drive(tmp_path: Path, quick: None) -> Drive:
+    """The first scenarios of a validation list, as `navrl compare` runs them."""
+
+    def driven(measured: Measured, controllers: ControllersConfig | None = None) -> Record:
+        sim = replace(SIM, world=WORLDS[measured.world])
+        scenarios = load_list(sim, "validation", count=measured.scenarios)
+        names = [measured.contender]
+        return compare(names, scenarios, sim, tmp_path, level=measured.level, controllers=controllers).records[0]
+
+    return driven
+
+
+def falls_short(record: Record, measured: Measured) -> bool:
     """Whether it did less than was measured, beyond rounding."""
     turned = max(1, round(0.02 * measured.scenarios))
-    outcomes = [episode.outcome for episode in evaluation.episodes]
+    outcomes = [episode.outcome for episode in record.episodes]
     return (
         outcomes.count("goal") < measured.arrived - turned
         or outcomes.count("collision") > measured.collided + turned
-        or evaluation.summary.spl < measured.spl - 0.02
+        or record.scores["spl"] < measured.spl - 0.02
     )
 
 
 @pytest.mark.parametrize("measured", MEASURED, ids=lambda m: f"{m.contender} {m.world} {m.level}")
-def test_a_baseline_is_as_strong_as_it_was(measured: Measured) -> None:
-    evaluation = drive(measured)
-    summary = evaluation.summary
-    rates = f"{summary.success_rate:.2f}, collisions {summary.collision_rate:.2f}, SPL {summary.spl:.3f}"
-    assert not falls_short(evaluation, measured), f"success {rates}; measured: {measured}"
+def test_a_baseline_is_as_strong_as_it_was(measured: Measured, drive: Drive) -> None:
+    record = drive(measured, None)
+    rates = {key: record.scores[key] for key in ("success_rate", "collision_rate", "spl")}
+    assert not falls_short(record, measured), f"{rates}; measured: {measured}"
 
 
 @pytest.mark.parametrize("contender", WEAKER)
-def test_a_weaker_baseline_is_noticed(contender: str) -> None:
+def test_a_weaker_baseline_is_noticed(contender: str, drive: Drive) -> None:
     measured = next(m for m in MEASURED if m.contender == contender)
     assert falls_short(drive(measured, WEAKER[contender]), measured)
