@@ -160,11 +160,11 @@ def test_other_settings_are_refused(drawn: ScenarioList, tmp_path: Path) -> None
         ({"sim": replace(SIM, lidar=replace(SIM.lidar, noise=0.5))}, r"lidar\.noise 0\.008, not 0\.5;"),
         (
             {"controllers": replace(ControllersConfig(), gap=replace(ControllersConfig().gap, margin=0.2))},
-            r"gap\.margin 0\.01044, not 0\.2;",
+            rf"gap\.margin {ControllersConfig().gap.margin}, not 0\.2;",
         ),
         (
             {"planner": PlannerConfig(margin=0.3), "sim": small},
-            r"robot\.radius 0\.25, not 0\.2; planner\.margin 0\.1, ",
+            rf"robot\.radius 0\.25, not 0\.2; planner\.margin {PlannerConfig().margin}, ",
         ),
     ]
     for changes, message in others:
