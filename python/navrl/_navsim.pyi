@@ -37,6 +37,7 @@ class BatchSim:
         num_threads: int,
         autoreset: bool,
         scenarios: Sequence[Scenario] | None,
+        first: int,
     ) -> Self: ...
     def reset(self, mask: NDArray[np.bool_] | None = None) -> None:
         """Begins the next episode of all robots, or of those whose mask (num_envs,) is true."""

@@ -43,5 +43,5 @@ fn isa() -> PyResult<&'static str> {
 #[pyfunction]
 fn check_world(config: &str) -> PyResult<f64> {
     let config = navsim::SimConfig::from_json(config).map_err(arguments::refusal)?;
-    navsim::task::Task::new(config, None, 0).map(|task| task.cut_off()).map_err(arguments::refusal)
+    navsim::task::Task::new(config, None, 0, 0).map(|task| task.cut_off()).map_err(arguments::refusal)
 }
