@@ -97,7 +97,7 @@ pub struct Learner<T> {
 }
 
 impl<T: Real> Learner<T> {
-    /// Takes memory for one batch, and starts a second thread where there are to be two and two rows or more.
+    /// Takes memory for one batch, and starts a second thread where there are to be two and both halves have rows.
     ///
     /// # Errors
     /// Those of [`Settings::check`]; other than 1 or 2 threads, or a thread that does not start.
@@ -106,7 +106,7 @@ impl<T: Real> Learner<T> {
         expect("threads", threads, (1..=2).contains(&threads), || "1 or 2".into())?;
         let (batch, cut) = (settings.batch, settings.cut());
         let part = |rows| RwLock::new(Part::new(&settings, rows, isa));
-        let two = threads == 2 && batch >= 2;
+        let two = threads == 2 && cut < batch;
         let start = || ThreadPoolBuilder::new().num_threads(1).thread_name(|_| "navlearn".into()).build();
         let pool = two.then(start).transpose().map_err(|e| Error::Thread { reason: e.to_string() })?;
         Ok(Self {
