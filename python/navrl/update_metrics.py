@@ -14,6 +14,7 @@ from torch import Tensor
 
 from navrl._navsim import SATURATED, UpdateRecord
 
+
 @dataclass(frozen=True)
 class UpdateMetrics:
     """Means over the updates of one call, or over its actor steps."""
