@@ -185,16 +185,16 @@ def main() -> int:
     parser.add_argument("--twins", action="store_true", help="two threads beside two copies with one, on two cores")
     options = parser.parse_args()
     torch.set_num_threads(1)
-    peers = list(options.peers)
-    if SB3 in peers and importlib.util.find_spec("stable_baselines3") is None:
-        print(f"{SB3} is missing; to measure beside it: pip install {SB3}", file=sys.stderr)
-        peers.remove(SB3)
     machine = platform.processor() or platform.machine()
     if options.twins:
         print(f"updates per second, min / median / max, {machine}, 2 cores")
         for variant in VARIANTS:
             measure_twins(variant, slices=options.slices, seconds=options.seconds)
         return 0
+    peers = list(options.peers)
+    if SB3 in peers and importlib.util.find_spec("stable_baselines3") is None:
+        print(f"{SB3} is missing; to measure beside it: pip install {SB3}", file=sys.stderr)
+        peers.remove(SB3)
     print(f"updates per second, min / median / max; torch {torch.__version__}, {machine}, 1 thread")
     with flushed_denormals():
         for variant in VARIANTS:
