@@ -1,6 +1,7 @@
 //! One dense layer, y = relu(W x + b), in its place in the packed parameters.
 
-use crate::kernels::product::{Matrix, Sum, multiply};
+use crate::kernels::matrix::Matrix;
+use crate::kernels::product::{Sum, multiply};
 use crate::kernels::{Isa, bias_relu, through_relu};
 use crate::packed::Packed;
 use crate::real::Real;
@@ -42,14 +43,7 @@ impl Layer {
     }
 
     /// W x (outputs, batch) for `inputs` x (inputs, batch).
-    pub fn product<T: Real>(
-        self,
-        isa: Isa,
-        parameters: Packed<'_, T>,
-        inputs: &[T],
-        outputs: &mut [T],
-        batch: usize,
-    ) {
+    pub fn product<T: Real>(self, isa: Isa, parameters: Packed<'_, T>, inputs: &[T], outputs: &mut [T], batch: usize) {
         let [first, second] = parameters.parts(self.weights());
         let (above, below) = outputs.split_at_mut(first.len() / self.inputs * batch);
         for (weight, outputs) in [(first, above), (second, below)] {
@@ -61,14 +55,7 @@ impl Layer {
     }
 
     /// relu(W x + b).
-    pub fn forward<T: Real>(
-        self,
-        isa: Isa,
-        parameters: Packed<'_, T>,
-        inputs: &[T],
-        outputs: &mut [T],
-        batch: usize,
-    ) {
+    pub fn forward<T: Real>(self, isa: Isa, parameters: Packed<'_, T>, inputs: &[T], outputs: &mut [T], batch: usize) {
         self.product(isa, parameters, inputs, outputs, batch);
         bias_relu(isa, outputs, parameters.at(self.biases()), batch);
     }

@@ -4,7 +4,7 @@
 //! networks and their targets in turn. `backward` needs the `forward` before it.
 
 use crate::batch::ACTIONS;
-use crate::kernels::product::{Matrix, transpose};
+use crate::kernels::matrix::{Matrix, transpose};
 use crate::kernels::{Isa, combined_relu, narrow, narrow_inputs, narrow_weights};
 use crate::layer::Layer;
 use crate::packed::Packed;
@@ -167,13 +167,7 @@ impl<T: Real> Critics<T> {
     pub fn forward(&mut self, parameters: Packed<'_, T>, observations: &[T], actions: &[T], count: usize) {
         let (isa, [batch, _]) = (self.memory.isa, self.memory.sizes);
         let first = self.layers[0].of_critics(count);
-        first.forward(
-            isa,
-            parameters,
-            observations,
-            &mut self.memory.values[0][..first.outputs * batch],
-            batch,
-        );
+        first.forward(isa, parameters, observations, &mut self.memory.values[0][..first.outputs * batch], batch);
         for critic in 0..count {
             let action_weights = self.action_weights(critic);
             for i in 1..self.layers.len() - 1 {
@@ -242,14 +236,7 @@ impl<T: Real> Critics<T> {
     }
 
     /// Sets dL/d(W x + b) of hidden layer `i` and the gradient of its b from the layer above, or the output's `upper`.
-    fn reach_layer(
-        &mut self,
-        i: usize,
-        critic: usize,
-        parameters: Packed<'_, T>,
-        upper: &[T],
-        gradient: &mut [T],
-    ) {
+    fn reach_layer(&mut self, i: usize, critic: usize, parameters: Packed<'_, T>, upper: &[T], gradient: &mut [T]) {
         let Memory { isa, sizes, ref values, ref mut uppers, .. } = self.memory;
         let batch = sizes[0];
         let (layer, above) = (self.layers[i].of_critic(critic), self.layers[i + 1].of_critic(critic));
@@ -265,13 +252,7 @@ impl<T: Real> Critics<T> {
     }
 
     /// dL/da (2, batch) from `upper` (batch), dL/dQ of the first critic. Of `gradient` some biases are overwritten.
-    pub fn action_gradient(
-        &mut self,
-        parameters: Packed<'_, T>,
-        upper: &[T],
-        gradient: &mut [T],
-        actions: &mut [T],
-    ) {
+    pub fn action_gradient(&mut self, parameters: Packed<'_, T>, upper: &[T], gradient: &mut [T], actions: &mut [T]) {
         for i in (1..self.layers.len() - 1).rev() {
             self.reach_layer(i, 0, parameters, upper, gradient);
         }

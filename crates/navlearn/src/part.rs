@@ -123,13 +123,7 @@ impl<T: Real> Part<T> {
     }
 
     /// Takes in its rows of a batch and sets y of equation 9, with the target networks of `actor` and `critics`.
-    pub fn set_targets(
-        &mut self,
-        settings: &Settings,
-        draws: Draws<'_>,
-        actor: Packed<'_, T>,
-        critics: Packed<'_, T>,
-    ) {
+    pub fn set_targets(&mut self, settings: &Settings, draws: Draws<'_>, actor: Packed<'_, T>, critics: Packed<'_, T>) {
         let (rows, size) = (self.rows.clone(), self.rows.len());
         let (indices, mirrored) = (&draws.indices[rows.clone()], &draws.mirrored[rows.clone()]);
         self.batch.gather(draws.replay, indices, mirrored, settings.mirror.as_ref());

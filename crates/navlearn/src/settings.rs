@@ -33,6 +33,8 @@ pub struct Settings {
     pub mirror: Option<Mirror>,
 }
 
+/// Numbers that are added at a time.
+const SUMMED_TOGETHER: usize = 8;
 /// Largest number of rows of a batch, by common sense.
 const BATCH_MAX: usize = 1 << 20;
 /// Largest number of units of a layer, by common sense.
@@ -44,9 +46,9 @@ impl Settings {
         self.actor[0].inputs
     }
 
-    /// Rows of a batch that are summed first: half of them.
+    /// Rows of a batch that are summed first: half of them, and so many that whole vectors are summed.
     pub fn cut(&self) -> usize {
-        self.batch.div_ceil(2)
+        self.batch.div_ceil(2).next_multiple_of(SUMMED_TOGETHER).min(self.batch)
     }
 
     /// Refuses what cannot be: sizes that do not follow each other, places beyond a vector.

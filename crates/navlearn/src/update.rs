@@ -97,7 +97,7 @@ pub struct Learner<T> {
 }
 
 impl<T: Real> Learner<T> {
-    /// Takes memory for one batch, and starts a second thread where there are to be two and two rows or more.
+    /// Takes memory for one batch, and starts a second thread where there are to be two and both halves have rows.
     ///
     /// # Errors
     /// Those of [`Settings::check`]; other than 1 or 2 threads, or a thread that does not start.
@@ -106,7 +106,7 @@ impl<T: Real> Learner<T> {
         expect("threads", threads, (1..=2).contains(&threads), || "1 or 2".into())?;
         let (batch, cut) = (settings.batch, settings.cut());
         let part = |rows| RwLock::new(Part::new(&settings, rows, isa));
-        let two = threads == 2 && batch >= 2;
+        let two = threads == 2 && cut < batch;
         let start = || ThreadPoolBuilder::new().num_threads(1).thread_name(|_| "navlearn".into()).build();
         let pool = two.then(start).transpose().map_err(|e| Error::Thread { reason: e.to_string() })?;
         Ok(Self {
@@ -227,5 +227,115 @@ impl<T> Vectors<'_, T> {
             ("first moments", self.first),
             ("second moments", self.second),
         ]
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::layer::Layer;
+
+    const INPUTS: usize = 5;
+    const ROWS: usize = 50;
+
+    fn numbers(count: usize, seed: f64) -> Vec<f32> {
+        (0..count).map(|i| (seed + 2.3 * i as f64).sin() as f32 * 0.5).collect()
+    }
+
+    /// Layers one after the other, each with its weights and biases of `count` networks.
+    fn layers(units: &[usize], count: usize, end: &mut usize) -> Vec<Layer> {
+        let mut place = |size: usize| {
+            *end += count * size;
+            *end - count * size
+        };
+        let pairs = units.windows(2).map(|pair| (pair[0], pair[1]));
+        pairs
+            .map(|(inputs, outputs)| Layer { inputs, outputs, weight: place(inputs * outputs), bias: place(outputs) })
+            .collect()
+    }
+
+    fn settings(batch: usize, critics: usize) -> Settings {
+        let (mut actor_end, mut critic_end) = (0, critics * ACTIONS * 18);
+        Settings {
+            actor: layers(&[INPUTS, 21, 18, ACTIONS], 1, &mut actor_end),
+            critic: layers(&[INPUTS, 21, 18, 1], critics, &mut critic_end),
+            action_weight: 0,
+            critics,
+            batch,
+            sizes: [actor_end, critic_end],
+            policy_delay: 2,
+            tau: 0.1,
+            pretanh_penalty: 0.01,
+            bounds: [-3.0, 3.0],
+            frozen_combined: false,
+            mirror: None,
+        }
+    }
+
+    /// What `made` makes of networks in `count` updates of a learner with two threads.
+    fn state(
+        settings: &Settings,
+        count: usize,
+        made: impl FnOnce(&mut Learner<f32>, [Trained<'_, f32>; 2], Draws<'_>) -> Vec<Record>,
+    ) -> (Vec<Vec<f32>>, Vec<Record>) {
+        let mut learner = Learner::new(settings.clone(), 2, Isa::detect()).unwrap();
+        let vectors = |size, seed| [numbers(size, seed), numbers(size, seed + 0.1), vec![0.0; size], vec![0.0; size]];
+        let mut networks = [vectors(settings.sizes[0], 0.1), vectors(settings.sizes[1], 0.7)];
+        let trained = networks.each_mut().map(|[parameters, targets, first, second]| Trained {
+            vectors: Vectors { parameters, targets, first, second },
+            rate: 1e-2,
+            steps: 0,
+        });
+        let width = width(INPUTS);
+        let (replay, noise) = (numbers(ROWS * width, 0.3), numbers(count * settings.batch * ACTIONS, 0.9));
+        let indices: Vec<i64> = (0..count * settings.batch).map(|i| (i * 17 % ROWS) as i64).collect();
+        let mirrored = vec![false; indices.len()];
+        let draws = Draws { replay: &replay, width, indices: &indices, mirrored: &mirrored, noise: &noise };
+        let records = made(&mut learner, trained, draws);
+        (networks.concat(), records)
+    }
+
+    /// Every update in halves, which a helper and its leader or the leader alone go through; and every one as a whole.
+    #[test]
+    fn halves_give_the_bits_of_the_whole() {
+        const COUNT: usize = 30;
+        for (batch, critics) in [(96, 2), (45, 2), (9, 1), (40, 1)] {
+            let settings = settings(batch, critics);
+            let alone = state(&settings, COUNT, |learner, [actor, critics], draws| {
+                learner.update(actor, critics, draws, &AtomicBool::new(false)).unwrap().records
+            });
+            let in_halves = |helps: bool| {
+                state(&settings, COUNT, |learner, networks, draws| {
+                    let parts = [std::slice::from_ref(&learner.whole), &learner.halves[..]];
+                    let call = Call::new(&learner.settings, learner.isa, draws, networks, learner.cuts, parts);
+                    let (team, mut waited) = (Team::joined(), Duration::ZERO);
+                    std::thread::scope(|scope| {
+                        let _end = team.until_dropped();
+                        if helps {
+                            scope.spawn(|| team.help(|phase| call.help(phase)));
+                        }
+                        (0..COUNT).map(|update| call.lead(update, &team, &mut waited).unwrap()).collect()
+                    })
+                })
+            };
+            assert!(in_halves(false) == alone && in_halves(true) == alone, "batch {batch}, {critics} critics");
+        }
+    }
+
+    #[test]
+    fn an_exhausted_patience_leaves_one_thread_with_the_same_bits_and_is_told() {
+        let settings = settings(40, 2);
+        let made = |exhausted: bool| {
+            state(&settings, 20, |learner, [actor, critics], draws| {
+                if exhausted {
+                    learner.patience.note(Patience::WINDOW, Duration::from_secs(2), Duration::from_secs(1));
+                }
+                let updates = learner.update(actor, critics, draws, &AtomicBool::new(true)).unwrap();
+                assert_eq!(updates.busy, exhausted);
+                updates.records
+            })
+        };
+        assert!(made(true) == made(false));
     }
 }

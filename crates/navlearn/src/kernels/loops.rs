@@ -1,12 +1,14 @@
 //! Bodies of the loops that [`super`] compiles for every instruction set.
 //!
-//! Sums run in `LANES` fixed lanes, so that their order does not depend on the width of the vectors.
+//! Sums run in fixed lanes, so that their order does not depend on the width of the vectors.
 
 use crate::adam::{EPSILON, FIRST_DECAY, SECOND_DECAY, Step, Vectors};
 use crate::real::Real;
 
-/// Partial sums of a sum: the numbers in one vector of the widest instruction set.
+/// The numbers in one vector of the widest instruction set.
 const LANES: usize = 16;
+/// Partial sums of a sum: few, for what costs most is to add them up.
+const SUMS: usize = 8;
 
 #[inline(always)]
 fn relu<T: Real>(z: T) -> T {
@@ -15,8 +17,8 @@ fn relu<T: Real>(z: T) -> T {
 
 /// Adds up the lanes, halving them.
 #[inline(always)]
-fn total<T: Real>(mut lanes: [T; LANES]) -> T {
-    let mut width = LANES / 2;
+fn total<T: Real, const N: usize>(mut lanes: [T; N]) -> T {
+    let mut width = N / 2;
     while width > 0 {
         for lane in 0..width {
             lanes[lane] += lanes[lane + width];
@@ -29,10 +31,10 @@ fn total<T: Real>(mut lanes: [T; LANES]) -> T {
 /// Sum over i of f(a_i, b_i).
 #[inline(always)]
 fn sum_of<T: Real>(a: &[T], b: &[T], f: impl Fn(T, T) -> T) -> T {
-    let mut lanes = [T::ZERO; LANES];
-    let ((wholes_a, rest_a), (wholes_b, rest_b)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    let mut lanes = [T::ZERO; SUMS];
+    let ((wholes_a, rest_a), (wholes_b, rest_b)) = (a.as_chunks::<SUMS>(), b.as_chunks::<SUMS>());
     for (a, b) in wholes_a.iter().zip(wholes_b) {
-        for lane in 0..LANES {
+        for lane in 0..SUMS {
             lanes[lane] += f(a[lane], b[lane]);
         }
     }

@@ -8,6 +8,7 @@
 #![allow(unsafe_code)]
 
 mod loops;
+pub mod matrix;
 pub mod product;
 
 use crate::adam::{Step, Vectors};
@@ -119,8 +120,7 @@ mod tests {
         // t = 1: m = 0.1 g, v = 0.001 g^2, so that the step is lr g / (|g| + eps).
         for gradients in [[vec![-2.0], vec![]], [vec![1.5], vec![-3.5]]] {
             let (mut first, mut second, mut p, mut target) = ([0.0], [0.0], [1.0], [3.0]);
-            let vectors =
-                Vectors { parameters: &mut p, targets: &mut target, first: &mut first, second: &mut second };
+            let vectors = Vectors { parameters: &mut p, targets: &mut target, first: &mut first, second: &mut second };
             adam(Isa::Baseline, Step::new(0.1, 1), gradients.each_ref().map(Vec::as_slice), vectors, Some(0.5));
             assert!((p[0] - 1.1_f64).abs() < 1e-8 && (target[0] - 2.05).abs() < 1e-8);
             assert!((first[0] + 0.2).abs() < 1e-15 && (second[0] - 0.004).abs() < 1e-15);

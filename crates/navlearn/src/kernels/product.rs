@@ -4,50 +4,7 @@
 //! both give the same bits; elsewhere they come from the crate matrixmultiply.
 
 use super::Isa;
-
-/// A matrix in a slice.
-#[derive(Debug, Clone, Copy)]
-pub struct Matrix<'a, T> {
-    values: &'a [T],
-    rows: usize,
-    columns: usize,
-    row_stride: usize,
-    column_stride: usize,
-}
-
-impl<'a, T> Matrix<'a, T> {
-    /// `values` by rows of `columns` numbers each.
-    ///
-    /// # Panics
-    /// If they are no whole number of rows.
-    pub fn by_rows(values: &'a [T], columns: usize) -> Self {
-        Self::first_columns(values, columns, columns)
-    }
-
-    /// The first `columns` of rows of `stride` numbers each.
-    ///
-    /// # Panics
-    /// If they are no whole number of rows, or have fewer columns.
-    pub fn first_columns(values: &'a [T], columns: usize, stride: usize) -> Self {
-        assert!(
-            (1..=stride).contains(&columns) && values.len().is_multiple_of(stride),
-            "{columns} columns of {} values in rows of {stride}",
-            values.len()
-        );
-        Self { values, rows: values.len() / stride, columns, row_stride: stride, column_stride: 1 }
-    }
-
-    /// The same numbers with rows and columns exchanged.
-    pub fn transposed(self) -> Self {
-        Self {
-            rows: self.columns,
-            columns: self.rows,
-            row_stride: self.column_stride,
-            column_stride: self.row_stride,
-            ..self
-        }
-    }
-}
+use super::matrix::Matrix;
 
 /// Sizes and strides of a product C = A B: C by rows, B by rows, A in any order.
 #[derive(Debug, Clone, Copy)]
@@ -373,38 +330,9 @@ pub fn multiply<T: Multiply>(isa: Isa, a: Matrix<'_, T>, b: Matrix<'_, T>, sum: 
     unsafe { T::gemm(isa, sizes, a.values.as_ptr(), b.values.as_ptr(), product.as_mut_ptr()) }
 }
 
-/// Copies a matrix that lies by rows of `columns` numbers to `turned`, with rows and columns exchanged.
-///
-/// # Panics
-/// If the two have different sizes, or are no whole number of rows.
-pub fn transpose<T: Copy>(values: &[T], columns: usize, turned: &mut [T]) {
-    const SIDE: usize = 4;
-    assert!(
-        values.len() == turned.len() && values.len().is_multiple_of(columns),
-        "sizes of a matrix and its transpose"
-    );
-    let rows = values.len() / columns;
-    let (squares_down, squares_across) = (rows / SIDE * SIDE, columns / SIDE * SIDE);
-    for top in (0..squares_down).step_by(SIDE) {
-        let band: [&[T]; SIDE] = std::array::from_fn(|i| &values[(top + i) * columns..][..columns]);
-        for left in (0..squares_across).step_by(SIDE) {
-            let square: [[T; SIDE]; SIDE] = band.map(|row| std::array::from_fn(|j| row[left + j]));
-            for j in 0..SIDE {
-                let to = &mut turned[(left + j) * rows + top..][..SIDE];
-                to.copy_from_slice(&square.map(|row| row[j]));
-            }
-        }
-    }
-    for (row, numbers) in values.chunks_exact(columns).enumerate() {
-        let first = if row < squares_down { squares_across } else { 0 };
-        for (column, &number) in numbers.iter().enumerate().skip(first) {
-            turned[column * rows + row] = number;
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::matrix::transpose;
     use super::*;
 
     fn numbers(count: usize, seed: f64) -> Vec<f64> {
@@ -414,18 +342,6 @@ mod tests {
     fn naive(a: &[f64], b: &[f64], [rows, depth, columns]: [usize; 3]) -> Vec<f64> {
         let element = |i: usize, j: usize| (0..depth).map(|k| a[i * depth + k] * b[k * columns + j]).sum();
         (0..rows * columns).map(|place| element(place / columns, place % columns)).collect()
-    }
-
-    #[test]
-    fn a_transpose_has_its_rows_for_columns() {
-        for [rows, columns] in [[1, 1], [3, 5], [4, 4], [9, 8], [16, 31]] {
-            let values = numbers(rows * columns, 0.1);
-            let mut turned = vec![f64::NAN; rows * columns];
-            transpose(&values, columns, &mut turned);
-            for (place, &value) in values.iter().enumerate() {
-                assert_eq!(turned[place % columns * rows + place / columns], value);
-            }
-        }
     }
 
     #[test]
@@ -489,7 +405,13 @@ mod tests {
     #[test]
     #[should_panic(expected = "inner sizes")]
     fn a_product_of_sizes_that_do_not_fit_panics() {
-        multiply(Isa::Baseline, Matrix::by_rows(&[1.0; 6], 3), Matrix::by_rows(&[1.0; 8], 4), Sum::Whole, &mut [0.0; 8]);
+        multiply(
+            Isa::Baseline,
+            Matrix::by_rows(&[1.0; 6], 3),
+            Matrix::by_rows(&[1.0; 8], 4),
+            Sum::Whole,
+            &mut [0.0; 8],
+        );
     }
 
     #[test]
