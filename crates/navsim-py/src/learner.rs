@@ -102,7 +102,10 @@ fn refuse_overlap<T: Element>(vectors: &[&Bound<'_, PyArray1<T>>], read: [Range<
 }
 
 /// The numbers of an array that is stored row by row.
-pub(crate) fn numbers<'a, T: Element, D: Dimension>(name: &str, array: &'a PyReadonlyArray<'_, T, D>) -> PyResult<&'a [T]> {
+pub(crate) fn numbers<'a, T: Element, D: Dimension>(
+    name: &str,
+    array: &'a PyReadonlyArray<'_, T, D>,
+) -> PyResult<&'a [T]> {
     array.as_slice().map_err(|_| PyValueError::new_err(format!("{name}: expected a C-contiguous array")))
 }
 
