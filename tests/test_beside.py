@@ -25,7 +25,8 @@ def test_both_are_done_and_errors_of_both_arrive_after_the_other_has_ended() -> 
         time.sleep(0.02)
         done.append("aside")
 
-    with Beside(pytest.fail) as pair:
+    free: list[bool] = []
+    with Beside(pytest.fail, free.append) as pair:
         assert pair.do(threading.current_thread, lambda: done.append("own")) is not threading.main_thread()
         with pytest.raises(ArithmeticError, match="own"):
             pair.do(late, fails)
@@ -33,6 +34,8 @@ def test_both_are_done_and_errors_of_both_arrive_after_the_other_has_ended() -> 
         with pytest.raises(ZeroDivisionError):
             pair.do(lambda: 1 / 0, lambda: done.append("own"))
         assert done == ["own", "aside", "own"]
+    # The other thread tells that it has ended, also when its work failed.
+    assert free == 3 * [False, True]
 
 
 def test_one_thread_does_while_waits_are_longer_than_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -54,7 +57,7 @@ def test_one_thread_does_while_waits_are_longer_than_the_work(monkeypatch: pytes
         ended.wait()
         ended.clear()
 
-    with Beside(said.append) as pair:
+    with Beside(said.append, lambda free: None) as pair:
         for _ in range(5):
             pair.do(lambda: aside(0.0), own_is_longer)
         assert said == []
