@@ -151,6 +151,8 @@ class PursuitConfig:
     """A larger angle to that point is turned away in place (rad)."""
     turn_gain: Annotated[float, _Gain] = 3.0
     """Turning speed per angle while turning in place (1/s)."""
+    detour: Annotated[float, Field(ge=0, le=3.2)] = 1.0
+    """Angle (rad) up to which arcs beside one on which an obstacle stands are tried; 0: none, it only stops."""
     radius_min: Annotated[float, Field(ge=0, le=1000)] = 0.6
     """Arcs of a smaller radius (m) are driven slower in proportion."""
     approach: Annotated[float, Field(ge=0, le=1000)] = 0.3

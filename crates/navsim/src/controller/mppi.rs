@@ -5,6 +5,8 @@
 use super::clearance_map::ClearanceMap;
 use super::settings::MppiConfig;
 use super::{Limits, Sight};
+use crate::cpu::{Dispatch, Isa, Kernel};
+use crate::error::Result;
 use crate::lidar::{draw_normals, sin_turn};
 use crate::rng::StreamName;
 use std::f32::consts::PI;
@@ -24,6 +26,7 @@ pub(super) type Plan = Vec<[f32; 2]>;
 #[derive(Debug, Clone)]
 pub(super) struct Mppi {
     config: MppiConfig,
+    dispatch: Dispatch,
     map: ClearanceMap,
     /// Commands of each group of samples before any limit: for each step the forward speeds, then the turning speeds.
     /// (The mean of commands that were cut off at 0 would never be 0.)
@@ -62,16 +65,21 @@ struct Lane {
 }
 
 impl Mppi {
-    pub fn new(config: &MppiConfig, limits: &Limits) -> Self {
+    /// The controller for a robot, on the instruction set of `Isa::current`.
+    ///
+    /// # Errors
+    /// Those of `Isa::current`.
+    pub fn new(config: &MppiConfig, limits: &Limits) -> Result<Self> {
         let groups = config.samples.div_ceil(LANES);
         let half = limits.v_max * (config.steps as f64 * config.step) as f32;
         let reach = limits.radius + (config.margin + config.inflation) as f32;
-        Self {
+        Ok(Self {
             config: config.clone(),
+            dispatch: Dispatch::new(Isa::current()?),
             map: ClearanceMap::new(half, 0.2 * limits.radius, reach),
             commands: vec![[[0.0; LANES]; 2]; groups * config.steps],
             costs: vec![0.0; groups * LANES],
-        }
+        })
     }
 
     /// The first command of the new plan; `plan` is then the rest of it. An empty plan is one of standing still.
@@ -79,9 +87,8 @@ impl Mppi {
         plan.resize(self.config.steps, [0.0; 2]);
         self.map.fill(sight.scene);
         let step = self.step(limits, sight);
-        for group in 0..self.config.samples.div_ceil(LANES) {
-            self.drive(group, limits, sight, &step, plan, stream);
-        }
+        let Self { config, map, commands, costs, .. } = self;
+        self.dispatch.run(Thought { config, limits, sight, step, map, plan, stream, commands, costs });
         self.average(limits, plan);
         let period = limits.period / self.config.step as f32;
         let first = mean_of_first(plan, period);
@@ -105,37 +112,6 @@ impl Mppi {
             contact: (self.map.at(0.0, 0.0) - radius - TOLERANCE).min(0.0),
             change: [change(limits.acceleration), change(limits.angular_acceleration)],
         }
-    }
-
-    /// Drives the samples of a group along the plan with noise of their own. The first sample has none.
-    fn drive(&mut self, group: usize, limits: &Limits, sight: &Sight, step: &Step, plan: &Plan, stream: &StreamName) {
-        let MppiConfig { steps, hold, .. } = self.config;
-        let sigma = [self.config.v_noise as f32, self.config.omega_noise as f32];
-        let commands = &mut self.commands[group * steps..(group + 1) * steps];
-        let mut normals = [0.0; DRAW];
-        let mut lane = Lane::at_rest(sight.velocity);
-        for (t, (command, &[v, omega])) in commands.iter_mut().zip(plan).enumerate() {
-            // Every draw of noise lasts for `hold` steps.
-            let held = t / hold;
-            if t % (2 * hold) == 0 {
-                let draw = group * steps.div_ceil(2 * hold) + held / 2;
-                draw_normals(stream, (draw * LANES) as u32, &mut normals);
-            }
-            let (noise_v, noise_omega) = normals[held % 2 * 2 * LANES..][..2 * LANES].split_at(LANES);
-            for i in 0..LANES {
-                let quiet = group == 0 && i == 0;
-                let scale = if quiet { 0.0 } else { 1.0 };
-                command[0][i] = v + sigma[0] * scale * noise_v[i];
-                command[1][i] = omega + sigma[1] * scale * noise_omega[i];
-                let (v, omega) = (command[0][i], command[1][i]);
-                lane.v[i] = between(near(v, lane.v[i], step.change[0]), 0.0, limits.v_max);
-                let omega = near(omega, lane.omega[i], step.change[1]);
-                lane.omega[i] = between(omega, -limits.omega_max, limits.omega_max);
-            }
-            lane.advance(step);
-            lane.charge(step, &self.map);
-        }
-        self.costs[group * LANES..(group + 1) * LANES].copy_from_slice(&lane.cost);
     }
 
     /// Eq. (Williams): u[t] = sum of w_k u_k[t] / sum of w_k, w_k = exp(-(S_k - min S) / temperature)
@@ -168,7 +144,66 @@ impl Mppi {
     }
 }
 
+/// Samples that are driven in thought.
+struct Thought<'a> {
+    config: &'a MppiConfig,
+    limits: &'a Limits,
+    sight: &'a Sight<'a>,
+    step: Step,
+    map: &'a ClearanceMap,
+    plan: &'a Plan,
+    stream: &'a StreamName,
+    /// As of `Mppi`: to be filled.
+    commands: &'a mut [[[f32; LANES]; 2]],
+    costs: &'a mut [f32],
+}
+
+impl Kernel for Thought<'_> {
+    #[inline(always)]
+    fn run(mut self) {
+        for group in 0..self.costs.len() / LANES {
+            self.drive(group);
+        }
+    }
+}
+
+impl Thought<'_> {
+    /// Drives the samples of a group along the plan with noise of their own. The first sample has none.
+    #[inline(always)]
+    fn drive(&mut self, group: usize) {
+        let Self { limits, step, .. } = *self;
+        let MppiConfig { steps, hold, .. } = *self.config;
+        let sigma = [self.config.v_noise as f32, self.config.omega_noise as f32];
+        let commands = &mut self.commands[group * steps..(group + 1) * steps];
+        let mut normals = [0.0; DRAW];
+        let mut lane = Lane::at_rest(self.sight.velocity);
+        for (t, (command, &[v, omega])) in commands.iter_mut().zip(self.plan).enumerate() {
+            // Every draw of noise lasts for `hold` steps.
+            let held = t / hold;
+            if t % (2 * hold) == 0 {
+                let draw = group * steps.div_ceil(2 * hold) + held / 2;
+                draw_normals(self.stream, (draw * LANES) as u32, &mut normals);
+            }
+            let (noise_v, noise_omega) = normals[held % 2 * 2 * LANES..][..2 * LANES].split_at(LANES);
+            for i in 0..LANES {
+                let quiet = group == 0 && i == 0;
+                let scale = if quiet { 0.0 } else { 1.0 };
+                command[0][i] = v + sigma[0] * scale * noise_v[i];
+                command[1][i] = omega + sigma[1] * scale * noise_omega[i];
+                let (v, omega) = (command[0][i], command[1][i]);
+                lane.v[i] = between(near(v, lane.v[i], step.change[0]), 0.0, limits.v_max);
+                let omega = near(omega, lane.omega[i], step.change[1]);
+                lane.omega[i] = between(omega, -limits.omega_max, limits.omega_max);
+            }
+            lane.advance(&step);
+            lane.charge(&step, self.map);
+        }
+        self.costs[group * LANES..(group + 1) * LANES].copy_from_slice(&lane.cost);
+    }
+}
+
 impl Lane {
+    #[inline(always)]
     fn at_rest([v, omega]: [f32; 2]) -> Self {
         let zero = [0.0; LANES];
         let (v, omega, free) = ([v; LANES], [omega; LANES], [1.0; LANES]);
