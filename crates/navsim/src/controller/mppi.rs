@@ -3,6 +3,7 @@
 //! temperature), is the new plan.
 
 use super::clearance_map::ClearanceMap;
+use super::scene::Scene;
 use super::settings::MppiConfig;
 use super::{Limits, Sight};
 use crate::cpu::{Dispatch, Isa, Kernel};
@@ -85,7 +86,7 @@ impl Mppi {
     /// The first command of the new plan; `plan` is then the rest of it. An empty plan is one of standing still.
     pub fn command(&mut self, limits: &Limits, sight: &Sight, plan: &mut Plan, stream: &StreamName) -> [f32; 2] {
         plan.resize(self.config.steps, [0.0; 2]);
-        self.map.fill(sight.scene);
+        self.dispatch.run(Look { map: &mut self.map, scene: sight.scene });
         let step = self.step(limits, sight);
         let Self { config, map, commands, costs, .. } = self;
         self.dispatch.run(Thought { config, limits, sight, step, map, plan, stream, commands, costs });
@@ -109,7 +110,7 @@ impl Mppi {
             collision_cost: collision as f32 * time,
             inflation: inflation as f32,
             radius,
-            contact: (self.map.at(0.0, 0.0) - radius - TOLERANCE).min(0.0),
+            contact: (self.map.at(&[0.0], &[0.0])[0] - radius - TOLERANCE).min(0.0),
             change: [change(limits.acceleration), change(limits.angular_acceleration)],
         }
     }
@@ -141,6 +142,19 @@ impl Mppi {
             let (v_slack, omega_most) = (self.config.v_noise as f32, limits.omega_max + self.config.omega_noise as f32);
             *command = [between(v, -v_slack, limits.v_max + v_slack), between(omega, -omega_most, omega_most)];
         }
+    }
+}
+
+/// What the beams met, entered into the map.
+struct Look<'a> {
+    map: &'a mut ClearanceMap,
+    scene: &'a Scene,
+}
+
+impl Kernel for Look<'_> {
+    #[inline(always)]
+    fn run(self) {
+        self.map.fill(self.scene);
     }
 }
 
@@ -226,8 +240,9 @@ impl Lane {
     /// Adds what it costs to be there.
     #[inline(always)]
     fn charge(&mut self, step: &Step, map: &ClearanceMap) {
-        let clearance: [f32; LANES] = std::array::from_fn(|i| map.at(self.x[i], self.y[i]) - step.radius);
-        for (i, clearance) in clearance.into_iter().enumerate() {
+        let distance_to_points = map.at(&self.x, &self.y);
+        for i in 0..LANES {
+            let clearance = distance_to_points[i] - step.radius;
             let (dx, dy) = (step.goal[0] - self.x[i], step.goal[1] - self.y[i]);
             let distance = (dx * dx + dy * dy).sqrt();
             let near = 1.0 - clearance / step.inflation;
