@@ -24,7 +24,7 @@ from navrl.config.reference import reference
 from navrl.errors import ConfigError
 
 REPOSITORY = Path(__file__).parents[1]
-BUILT_IN = '"td3", "boxes", "open8" or the path of an existing .json file'
+BUILT_IN = '"td3", "boxes", "open8", "walls", "mixed" or the path of an existing .json file'
 
 
 # What is accepted
@@ -201,7 +201,7 @@ def values_of(key: str) -> st.SearchStrategy[Any]:
     if text == "true or false":
         return st.booleans()
     if key == "world.name":
-        return st.sampled_from(["td3", "boxes", "open8"])
+        return st.sampled_from(["td3", "boxes", "open8", "walls", "mixed"])
     if key == "networks.hidden_sizes":
         return st.lists(st.integers(1, 8192), min_size=2, max_size=8).map(tuple)
     if key == "lidar.mount":

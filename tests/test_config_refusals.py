@@ -27,7 +27,7 @@ from navrl.config.files import PRESETS, ROBOTS, Option, load_config, load_sim
 from navrl.config.ranges import allowed, choices, keys
 from navrl.errors import ConfigError, UserError, shown
 
-BUILT_IN = '"td3", "boxes", "open8" or the path of an existing .json file'
+BUILT_IN = '"td3", "boxes", "open8", "walls", "mixed" or the path of an existing .json file'
 
 
 def refusal(**sources: Any) -> str:  # noqa: ANN401 - what load_config takes

@@ -224,7 +224,7 @@ def _add_play(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
 def _add_bench(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
     parser = commands.add_parser("bench", help="measure the simulator's speed with random actions")
     parser.set_defaults(command="bench", run="bench:bench", takes_settings=False)
-    parser.add_argument("--world", metavar="W", default="open8", help="open8 (default), td3 or boxes")
+    parser.add_argument("--world", metavar="W", default="open8", help="open8 (default), td3, boxes, walls or mixed")
     parser.add_argument("--num-envs", metavar="N", default="256", help="robots (default 256)")
     parser.add_argument("--beams", metavar="N", help="beams of the lidar (default 180)")
     parser.add_argument("--threads", metavar="N", help="threads (default: all cores)")

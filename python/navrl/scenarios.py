@@ -43,7 +43,7 @@ SHORTEST_MIN = 0.1
 SHIPPED_WORLDS = (
     WorldConfig(name="td3"),
     *(WorldConfig(name="boxes", boxes=boxes) for boxes in (4, 8, 12, 16)),
-    WorldConfig(name="open8"),
+    *(WorldConfig(name=name) for name in ("open8", "walls", "mixed")),
 )
 """Worlds whose lengths ship, for the default robot."""
 METHOD = "taut string 1"

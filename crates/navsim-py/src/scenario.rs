@@ -3,7 +3,7 @@
 use crate::arguments::{refusal, whole};
 use navsim::pose::Pose;
 use navsim::rng::Split;
-use navsim::world::{Generator, ScenarioList, Shape};
+use navsim::world::{ScenarioList, Shape, Worlds};
 use navsim::{SimConfig, robot::Footprint};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -155,10 +155,11 @@ pub fn draw_list(
     let config = SimConfig::from_json(config).map_err(refusal)?;
     let split = Split::named(split).ok_or_else(|| PyValueError::new_err(format!("split: unknown name '{split}'")))?;
     let draw = || {
-        let generator = Generator::new(&config.world, &Footprint::new(&config.robot))?;
+        let worlds = Worlds::new(&config.world, &Footprint::new(&config.robot))?;
         let indices = first..first.saturating_add(count);
         indices
-            .map(|index| generator.draw_listed(split, seed, index, &config.task).map(|core| Scenario { core }))
+            .map(|index| worlds.of(index as usize).draw_listed(split, seed, index, &config.task))
+            .map(|drawn| drawn.map(|core| Scenario { core }))
             .collect::<navsim::Result<Vec<_>>>()
     };
     py.detach(draw).map_err(refusal)

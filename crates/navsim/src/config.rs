@@ -25,7 +25,8 @@ pub struct SimConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WorldConfig {
-    /// `td3`, `boxes`, `open8`, or the path of a world file (ends in `.json`).
+    /// `td3`, `boxes`, `open8`, `walls`, `mixed` (robot k in one of several worlds), or the path of a world file (ends in
+    /// `.json`).
     pub name: String,
     /// Random boxes of the world `boxes`, 0 to 64; the other worlds know their own number.
     pub boxes: usize,

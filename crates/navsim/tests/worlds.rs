@@ -4,7 +4,7 @@ use navsim::config::{CollisionRule, TaskConfig, WorldConfig};
 use navsim::error::Error;
 use navsim::rng::{Purpose, Split, Stream, StreamName};
 use navsim::robot::Footprint;
-use navsim::world::{Generator, Layout, Scenario, Shape};
+use navsim::world::{Generator, Layout, Scenario, Shape, Worlds};
 use std::collections::{BinaryHeap, HashSet};
 
 fn world(name: &str, boxes: usize) -> WorldConfig {
@@ -195,6 +195,30 @@ fn open8_is_fair() {
 }
 
 #[test]
+fn walls_is_fair() {
+    let rules = Rules { clearance: 0.4, goal_distance: 1.0, box_distance: 0.0, half_area: 4.6, apart: false };
+    check_resets(&world("walls", 8), &rules);
+}
+
+/// Robot and scenario k of "mixed" meet what they would meet in the world that is theirs.
+#[test]
+fn mixed_gives_each_robot_a_world_of_its_own() {
+    let parts = ["td3", "boxes", "open8", "boxes", "td3", "boxes", "walls", "boxes"];
+    let counts = [8, 4, 8, 8, 8, 12, 8, 16];
+    let mixed = Worlds::new(&world("mixed", 8), &DISC).unwrap();
+    let mut layouts = mixed.layouts();
+    assert_eq!(layouts.len(), parts.len());
+    for (k, (name, boxes)) in (0..).zip(parts.into_iter().zip(counts).cycle().take(19)) {
+        let own = Generator::new(&world(name, boxes), &DISC).unwrap();
+        let mut layout = Layout::default();
+        draw(&own, 6, k, 3, &mut layout).unwrap();
+        let (generator, place) = (mixed.of(k as usize), k as usize % parts.len());
+        draw(generator, 6, k, 3, &mut layouts[place]).unwrap();
+        assert_eq!(as_scenario(generator, &layouts[place]), as_scenario(&own, &layout));
+    }
+}
+
+#[test]
 fn td3_has_the_published_geometry() {
     let generator = Generator::new(&world("td3", 8), &DISC).unwrap();
     let obstacles = generator.static_obstacles();
@@ -244,7 +268,7 @@ fn rooms_that_trap_the_robot_are_never_drawn() {
 
 #[test]
 fn the_name_of_a_stream_decides_everything() {
-    for name in ["td3", "boxes", "open8"] {
+    for name in ["td3", "boxes", "open8", "walls"] {
         let generator = Generator::new(&world(name, 8), &DISC).unwrap();
         let (mut fresh, mut used) = (Layout::default(), Layout::default());
         for episode in 0..50 {

@@ -12,7 +12,7 @@ from navrl.errors import ConfigError, shown
 if TYPE_CHECKING:
     from navrl.config import Config, SimConfig
 
-LEAST_GOAL_DISTANCE = {"td3": 1.0, "boxes": 2.0, "open8": 1.0}
+LEAST_GOAL_DISTANCE = {"td3": 1.0, "boxes": 2.0, "open8": 1.0, "walls": 1.0, "mixed": 2.0}
 """How far goals lie from the start at least (m). World files may differ: the core checks them when it reads them."""
 MOST_STEPS = 1_000_000
 

@@ -42,7 +42,7 @@ _COMBINATIONS = """\
 These are refused too:
 
 - `world.goal_range_max` below `goal_range_start`, or a `goal_range_start` so small that the world has no goals so near
-  ("td3" and "open8" up to 0.7071, "boxes" up to 1.4142);
+  ("td3", "open8" and "walls" up to 0.7071, "boxes" and "mixed" up to 1.4142);
 - `lidar.range_min` at or above `range_max`; more `lidar.bins` than `beams`;
 - a `task.time_limit` of less than half a period or more than 1,000,000 periods;
 - `task.sensor_range` outside the lidar's ranges, with the collision rule "sensor";

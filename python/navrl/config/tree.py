@@ -18,7 +18,7 @@ from navrl.config.controllers import ApfConfig, ControllersConfig, DwaConfig, Ga
 from navrl.config.faults import STRICT, one_line
 from navrl.config.planner import PlannerConfig
 
-WORLDS = ("td3", "boxes", "open8")
+WORLDS = ("td3", "boxes", "open8", "walls", "mixed")
 THREADS_MAX = 256
 """Most threads of a simulator, as the core has it."""
 
@@ -35,8 +35,9 @@ def _tuple(value: Any) -> Any:  # noqa: ANN401 - any value may stand in a file
     return tuple(value) if isinstance(value, list) else value
 
 
+_WORLDS = ", ".join(f'"{name}"' for name in WORLDS)
 _World = Annotated[
-    str, BeforeValidator(_world), Field(description='"td3", "boxes", "open8" or the path of an existing .json file')
+    str, BeforeValidator(_world), Field(description=f"{_WORLDS} or the path of an existing .json file")
 ]
 _List = BeforeValidator(_tuple)
 _Sizes = Annotated[tuple[Annotated[int, Field(ge=1, le=8192)], ...], Field(min_length=2, max_length=8), _List]
@@ -57,7 +58,8 @@ class WorldConfig:
     """Where the robot drives and how far its goals lie (section IV, figure 5)."""
 
     name: _World = "td3"
-    """A built-in world or a world file. "td3" is the paper's room; "boxes" a 10 m square; "open8" serves benchmarks."""
+    """A built-in world or a world file. "td3" is the paper's room; "boxes", "open8" and "walls" are 10 m squares, "walls"
+    with narrow gaps and dead ends; in "mixed" every robot, and every scenario of a list, has one of all these."""
     boxes: Annotated[int, Field(ge=0, le=64)] = 8
     """Random boxes of the world "boxes"; the other worlds know their own number."""
     random_yaw: bool = True

@@ -11,7 +11,7 @@ use crate::lidar::{Lidar, NoiseName, ScanBuffer, Surroundings};
 use crate::pose::{Pose, distance};
 use crate::rng::{Purpose, Split, Stream, StreamName};
 use crate::robot::{Arc, Footprint, command, limit_acceleration};
-use crate::world::{Generator, Layout, Obstacles, Scenario, Shape};
+use crate::world::{Layout, Obstacles, Scenario, Shape, Worlds};
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
@@ -22,7 +22,7 @@ const NUMBER_MAX: f64 = 1e12;
 #[derive(Debug, Clone)]
 enum Source {
     /// Every episode of every robot draws a new scenario.
-    Generator(Box<Generator>),
+    Worlds(Box<Worlds>),
     /// Robot k runs scenario k, again at each reset.
     Scenarios(Vec<(Scenario, Obstacles)>),
 }
@@ -84,7 +84,8 @@ pub struct Episode {
 #[derive(Debug, Clone)]
 pub struct Workspace {
     scan: ScanBuffer,
-    layout: Layout,
+    /// One for each world.
+    layouts: Vec<Layout>,
 }
 
 /// Where the numbers of an observation go.
@@ -107,7 +108,7 @@ impl Task {
         let footprint = Footprint::new(&config.robot);
         let source = match scenarios {
             Some(scenarios) => Source::Scenarios(prepare(scenarios, &footprint)?),
-            None => Source::Generator(Box::new(Generator::new(&config.world, &footprint)?)),
+            None => Source::Worlds(Box::new(Worlds::new(&config.world, &footprint)?)),
         };
         Ok(Self { lidar: Lidar::new(&config.lidar)?, config, footprint, source, seed })
     }
@@ -124,17 +125,18 @@ impl Task {
 
     /// Memory for one thread.
     pub fn workspace(&self) -> Workspace {
-        let layout = match &self.source {
-            Source::Generator(generator) => generator.layout(),
-            Source::Scenarios(_) => Layout::default(),
+        let layouts = match &self.source {
+            Source::Worlds(worlds) => worlds.layouts(),
+            Source::Scenarios(_) => Vec::new(),
         };
-        Workspace { scan: self.lidar.buffer(), layout }
+        Workspace { scan: self.lidar.buffer(), layouts }
     }
 
-    /// Share of the world's free area that is cut off from the rest, in [0, 1]; 0 for given scenarios.
+    /// Share of the world's free area that is cut off from the rest, in [0, 1], of several worlds the largest; 0 for
+    /// given scenarios.
     pub fn cut_off(&self) -> f64 {
         match &self.source {
-            Source::Generator(generator) => generator.cut_off(),
+            Source::Worlds(worlds) => worlds.cut_off(),
             Source::Scenarios(_) => 0.0,
         }
     }
@@ -142,7 +144,7 @@ impl Task {
     /// Number of given scenarios, `None` when they are drawn.
     fn scenario_count(&self) -> Option<usize> {
         match &self.source {
-            Source::Generator(_) => None,
+            Source::Worlds(_) => None,
             Source::Scenarios(scenarios) => Some(scenarios.len()),
         }
     }
@@ -160,10 +162,11 @@ impl Task {
         row: &mut ObservationRow,
     ) -> Result<()> {
         match &self.source {
-            Source::Generator(generator) => {
+            Source::Worlds(worlds) => {
                 let name = StreamName::new(self.seed, Purpose::World, Split::Train, robot as u32, index);
-                let layout = &mut workspace.layout;
-                generator.draw(&mut Stream::new(name), index, layout)?;
+                let place = robot % workspace.layouts.len();
+                let layout = &mut workspace.layouts[place];
+                worlds.of(robot).draw(&mut Stream::new(name), index, layout)?;
                 (episode.start, episode.goal) = (layout.start, layout.goal);
                 episode.moved.clone_from(&layout.moved);
                 episode.goal_radius = self.config.task.goal_radius;
@@ -322,7 +325,7 @@ impl Task {
 
     fn obstacles<'a>(&'a self, robot: usize, episode: &'a Episode) -> [&'a Obstacles; 2] {
         let fixed = match &self.source {
-            Source::Generator(generator) => generator.static_obstacles(),
+            Source::Worlds(worlds) => worlds.of(robot).static_obstacles(),
             Source::Scenarios(scenarios) => &scenarios[robot % scenarios.len()].1,
         };
         [fixed, &episode.obstacles]
@@ -331,8 +334,8 @@ impl Task {
     /// What `robot` meets in this episode, as a scenario that can be stored and run again.
     pub fn scenario(&self, robot: usize, episode: &Episode) -> Scenario {
         match &self.source {
-            Source::Generator(generator) => {
-                generator.scenario(episode.start, episode.goal, &episode.moved, &self.config.task)
+            Source::Worlds(worlds) => {
+                worlds.of(robot).scenario(episode.start, episode.goal, &episode.moved, &self.config.task)
             }
             Source::Scenarios(scenarios) => scenarios[robot % scenarios.len()].0.clone(),
         }

@@ -230,7 +230,7 @@ impl Generator {
         None
     }
 
-    /// Adds an inner wall of `open8`: its direction and length are drawn once, its beginning until it fits.
+    /// Adds an inner wall: its direction and length are drawn once, its beginning until it fits.
     fn add_wall(&self, stream: &mut Stream, layout: &mut Layout) -> Option<()> {
         let (sin, cos) = libm::sincos(stream.uniform(-PI, PI));
         let length = stream.uniform(WALL_LENGTHS[0], WALL_LENGTHS[1]);

@@ -13,6 +13,7 @@ mod rooms;
 mod scenario;
 pub mod shapes;
 mod tree;
+mod worlds;
 
 pub(crate) use blocks::{BLOCK, Block, Blocks, Lanes, larger, smaller};
 pub use file::{RandomBoxes, WorldFile};
@@ -23,3 +24,4 @@ pub(crate) use outline::{BOXES, Outline};
 pub use scenario::{Scenario, ScenarioList};
 pub use shapes::Shape;
 pub(crate) use tree::Tree;
+pub use worlds::Worlds;

@@ -70,11 +70,11 @@ pub(crate) struct BoxRule {
     pub among_robots: bool,
 }
 
-/// Shortest and longest inner wall of `open8`, m.
+/// Shortest and longest inner wall of `open8` and `walls`, m.
 pub(crate) const WALL_LENGTHS: [f64; 2] = [1.0, 3.0];
-/// Inner walls of `open8` begin within this square and are cut at the next one.
+/// Inner walls begin within this square and are cut at the next one.
 pub(crate) const WALL_STARTS: [f64; 4] = square(4.0);
-/// Inner walls of `open8` end within this square.
+/// Inner walls end within this square.
 pub(crate) const WALL_ENDS: [f64; 4] = square(4.9);
 
 const fn square(half: f64) -> [f64; 4] {
@@ -91,11 +91,12 @@ impl Room {
             "td3" => Ok(td3(config.random_yaw)),
             "boxes" => Ok(boxes(config.boxes)),
             "open8" => Ok(open8()),
+            "walls" => Ok(walls()),
             path if path.ends_with(".json") => Ok(from_file(WorldFile::read(path)?)),
             other => Err(Error::Setting {
                 key: "world.name",
                 value: format!("'{other}'"),
-                expected: "td3, boxes, open8 or the path of a world file (.json)".into(),
+                expected: "td3, boxes, open8, walls, mixed or the path of a world file (.json)".into(),
             }),
         }
     }
@@ -154,6 +155,13 @@ fn open8() -> Room {
         among_robots: false,
     };
     Room { clearance: 0.4, boxes, walls: 4, ..square_room() }
+}
+
+/// `open8` with less to see past and more to drive around: three boxes and eight inner walls, whose corners are narrow
+/// gaps and dead ends.
+fn walls() -> Room {
+    let open8 = open8();
+    Room { boxes: BoxRule { count: 3, ..open8.boxes.clone() }, walls: 8, ..open8 }
 }
 
 /// Four walls without thickness around a free square of 10 m.
