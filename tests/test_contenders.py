@@ -29,8 +29,8 @@ pytestmark = pytest.mark.usefixtures("quick")
 
 
 def test_names_of_contenders() -> None:
-    assert (enter("dwa").local, enter("dwa").planner) == ("dwa", None)
-    assert (enter("pursuit+rrt").local, enter("pursuit+rrt").planner) == ("pursuit", "rrt")
+    assert (enter("dwa").pilot, enter("dwa").planner) == ("dwa", None)
+    assert (enter("pursuit+rrt").pilot, enter("pursuit+rrt").planner) == ("pursuit", "rrt")
     assert enter("default+astar").policy_sha256 == enter("default").policy_sha256 is not None
     for name, message in (
         ("pursuit", r"^pursuit: follows a path: name a planner too"),
@@ -59,19 +59,19 @@ class Blindfolded:
 
 @pytest.mark.parametrize("name", ["default", "dwa", "dwa-1997", "apf", "gap", "mppi", "straight", "random"])
 def test_no_contender_without_a_planner_reads_the_map(name: str, drawn: ScenarioList) -> None:
-    entry, sim = enter(name), at_level(SIM, "real")
-    assert entry.plans(drawn.scenarios, sim, PlannerConfig(), num_threads=1) == []
+    contender, sim = enter(name), at_level(SIM, "real")
+    assert list(contender.plans(drawn.scenarios, sim, PlannerConfig())) == []
     simulator = BatchSim(sim, num_envs=12, autoreset=False, scenarios=drawn.scenarios)
     # Its driver is made where there is no scenario at all, and drives with scan, goal and speed alone.
-    drive = entry.driver([], [], sim, ControllersConfig())
+    drive = contender.driver([], [], sim, ControllersConfig())
     assert drive(Blindfolded(simulator), np.arange(12)).shape == (12, 2)  # type: ignore[arg-type]
 
 
 def test_a_led_contender_gets_its_place_and_the_local_one_nothing_more(drawn: ScenarioList) -> None:
-    entry, seen = enter("gap+astar"), []
-    plans = entry.plans(drawn.scenarios, SIM, PlannerConfig(), num_threads=1)
+    contender, seen = enter("gap+astar"), []
+    plans = list(contender.plans(drawn.scenarios, SIM, PlannerConfig()))
     simulator = BatchSim(SIM, num_envs=12, autoreset=False, scenarios=drawn.scenarios)
-    drive = entry.driver(drawn.scenarios, plans, SIM, ControllersConfig())
+    drive = contender.driver(drawn.scenarios, plans, SIM, ControllersConfig())
     with pytest.raises(AttributeError, match="odometry"):
         drive(Blindfolded(simulator), np.arange(12))  # type: ignore[arg-type]
     guide = Lookahead(plans, simulator.goals, distance=LOOKAHEAD)
@@ -99,9 +99,9 @@ def test_a_path_leads_around_what_a_straight_driver_meets() -> None:
     given = given_list([wall], SIM)
     assert evaluate(Controller("straight"), given).episodes[0].outcome == "collision"
     for planner in ("astar", "rrt"):
-        entry = enter(f"pursuit+{planner}")
-        plans = entry.plans(given.scenarios, SIM, PlannerConfig(), num_threads=1)
-        drive = entry.driver(given.scenarios, plans, SIM, ControllersConfig())
+        contender = enter(f"pursuit+{planner}")
+        plans = list(contender.plans(given.scenarios, SIM, PlannerConfig()))
+        drive = contender.driver(given.scenarios, plans, SIM, ControllersConfig())
         episode = navrl.compare.measure(drive, given, SIM, num_threads=1).episodes[0]
         assert (episode.outcome, episode.needs_detour) == ("goal", True)
         assert episode.path_m == pytest.approx(plan(wall, planner).length, rel=0.1)

@@ -1,6 +1,7 @@
 """Cores and memory that a run may take: within the limits of a container, and as many threads as the core allows."""
 
 import os
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -69,3 +70,33 @@ def test_cores_are_at_most_the_threads_of_a_simulator(monkeypatch: pytest.Monkey
 def test_the_core_has_the_same_limit() -> None:
     with pytest.raises(ValueError, match=rf"num_threads = {THREADS_MAX + 1}: expected .*\b{THREADS_MAX}\b"):
         BatchSim(num_envs=1, num_threads=THREADS_MAX + 1)
+
+
+def test_the_commit_of_a_source_tree_and_of_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (("NAME", "somebody"), ("EMAIL", "somebody@example.org")):
+        monkeypatch.setenv(f"GIT_AUTHOR_{name}", value)
+        monkeypatch.setenv(f"GIT_COMMITTER_{name}", value)
+
+    def git(*words: str) -> str:
+        return subprocess.run(["git", "-C", tmp_path, *words], capture_output=True, text=True, check=True).stdout
+
+    assert machine.commit(tmp_path) is None
+    git("init")
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "machine.py").write_text("installed here, and nothing that this repository keeps")
+    git("add", "notes.txt")
+    git("commit", "-m", "first")
+    assert machine.commit(tmp_path) is None
+    git("add", "machine.py")
+    git("commit", "-m", "second")
+    head = git("rev-parse", "HEAD")[:12]
+    assert machine.commit(tmp_path) == head
+    (tmp_path / "machine.py").write_text("changed")
+    assert machine.commit(tmp_path) == head + "+"
+
+
+def test_what_made_a_result() -> None:
+    made = machine.made_with()
+    assert list(made) == ["navrl", "commit", "numpy", "cpu", "isa"]
+    assert made["cpu"] == machine.cpu_model() != ""
+    assert made["isa"]

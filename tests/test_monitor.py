@@ -13,9 +13,9 @@ import pytest
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from navrl import display
 from navrl.errors import UserError
 from navrl.metrics import Episode, Scores, summarize
-from navrl.running import monitor as display
 from navrl.running.metrics_log import MetricsLog, ResumePoint
 from navrl.running.monitor import SATURATED_ROWS, Monitor, result_lines
 from navrl.running.training_metrics import CLOCKED, COLUMNS, Progress, Rates, Row, TrainingMetrics

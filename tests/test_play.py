@@ -16,7 +16,7 @@ from navrl.drawing import trajectory as trajectories
 from navrl.drawing.film import FRAMES_MAX, check_output, frame_steps, write
 from navrl.drawing.trajectory import Trajectory, with_idle
 from navrl.errors import UserError
-from navrl.evaluate import Contender, driver, evaluate
+from navrl.evaluate import Pilot, driver, evaluate
 from navrl.scenarios import ScenarioList, load_list
 
 
@@ -31,9 +31,9 @@ class TowardsGoal:
         return actions.reshape(*observations.shape[:-1], 2)
 
 
-def drive(contender: Contender, drawn: ScenarioList, index: int, sim: SimConfig) -> Trajectory:
+def drive(pilot: Pilot, drawn: ScenarioList, index: int, sim: SimConfig) -> Trajectory:
     """Drives a scenario of a list."""
-    return trajectories.drive(driver(contender, sim), with_idle(drawn, index, sim), sim)
+    return trajectories.drive(driver(pilot, sim), with_idle(drawn, index, sim), sim)
 
 
 @pytest.fixture(scope="module")

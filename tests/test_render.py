@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from navrl.config import LidarConfig, RobotConfig, SimConfig
 from navrl.drawing.render import (
-    CAPTION_PX,
     DANGER_COLORS,
     FLOOR,
     GOAL,
@@ -78,7 +77,7 @@ def test_every_kind_of_obstacle_stands_in_its_place() -> None:
 
 def test_x_points_right_and_y_points_up() -> None:
     room = Room(ROOM, SimConfig(), size=640)
-    picture = pixels(room, moment())
+    picture = pixels(room, moment())[: -room.caption_height]
     greens = np.argwhere(np.abs(picture - np.array(GOAL)).max(axis=2) < 12)
     rows, columns = greens[:, 0], greens[:, 1]
     assert rows.max() < 320 < columns.min(), "the goal at (3.2, 2.7) is drawn at the upper right"
@@ -122,7 +121,7 @@ def test_a_beam_that_meets_nothing_has_no_dot() -> None:
 
     def dots(ranges: float) -> int:
         picture = pixels(room, moment(-3.0, -3.0, ranges=ranges, path=np.zeros((1, 2))))
-        return int((np.abs(picture[:-CAPTION_PX] - full).max(axis=2) < 40).sum())
+        return int((np.abs(picture[: -room.caption_height] - full).max(axis=2) < 40).sum())
 
     assert dots(2.0) == 0
     assert dots(1.999) > 100
@@ -188,7 +187,7 @@ def test_the_path_is_drawn_where_the_robot_went() -> None:
 @pytest.mark.parametrize("outcome", ["running", "goal", "collision", "timeout"])
 def test_the_caption_tells_the_outcome_by_colour(outcome: str) -> None:
     room = Room(ROOM, SimConfig(), size=640)
-    caption = pixels(room, moment(outcome=outcome))[-CAPTION_PX:]
+    caption = pixels(room, moment(outcome=outcome))[-room.caption_height :]
     for name, color in OUTCOME_COLORS.items():
         found = int((np.abs(caption[:, :30] - np.array(color)).max(axis=2) < 4).sum())
         assert (found > 30) == (name == outcome), (name, found)
@@ -196,9 +195,9 @@ def test_the_caption_tells_the_outcome_by_colour(outcome: str) -> None:
 
 def test_the_caption_changes_with_step_and_speed() -> None:
     room = Room(ROOM, SimConfig(), size=640)
-    first = pixels(room, moment())[-CAPTION_PX:]
+    first = pixels(room, moment())[-room.caption_height :]
     for other in (moment(step=43), moment(v=0.4), moment(omega=0.2)):
-        assert (pixels(room, other)[-CAPTION_PX:] != first).any()
+        assert (pixels(room, other)[-room.caption_height :] != first).any()
 
 
 def test_pictures_of_an_episode_fit_together_and_have_even_sides() -> None:
@@ -216,7 +215,7 @@ def test_an_open_world_shows_start_goal_and_path() -> None:
     for x, y in [(-3.0, -3.0), (3.2, 2.7), (0.0, -6.0)]:
         column, row = room.pixel(x, y)
         assert 10 < column < room.width - 10
-        assert 10 < row < room.height - CAPTION_PX - 10
+        assert 10 < row < room.height - room.caption_height - 10
 
 
 def test_of_a_wide_world_the_robots_surroundings_are_shown() -> None:
@@ -237,7 +236,7 @@ def test_of_a_wide_world_the_robots_surroundings_are_shown() -> None:
 def test_pictures_are_wide_enough_for_their_caption() -> None:
     for x, y in ((0.0, 40.0), (40.0, 0.0)):
         room = Room(scenario(), SimConfig(), size=560, path=np.array([[0.0, 0.0], [x, y]]))
-        sides = (room.width, room.height - CAPTION_PX)
+        sides = (room.width, room.height - room.caption_height)
         assert max(sides) == 560
         assert min(sides) >= 0.59 * 560
 

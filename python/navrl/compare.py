@@ -1,28 +1,33 @@
 """Compares contenders on one list: policies, classical controllers, and either of them led by a planner.
 
-    compare(["default", "dwa", "default+astar"], scenarios, sim, folder, level="real") -> Comparison
-    compare(["dwa", enter("mine", my_controller)], scenarios, sim, folder)
+    comparison = compare(["default", "dwa", "default+astar"], scenarios, sim, folder, level="real")
+    comparison = compare(["dwa", enter("mine", my_controller)], scenarios, sim, folder)
+    write(comparison, folder, "what I did")             results.json, episodes.jsonl, report.md, pictures
 
 The one evaluator runs all of them, over the same scenarios with the same noise, so that `navrl eval` gives a policy the
-same numbers. What a contender did is kept in the folder: the same call continues a comparison that was cut short.
+same numbers. What a contender did is kept in the folder: the same call continues a comparison that was cut short, and
+another call with the same settings adds its contenders to those that are kept.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from itertools import combinations
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from navrl.batch import config_json
-from navrl.comparing.contenders import LOOKAHEAD, Entry, enter
+from navrl.comparing.contenders import LOOKAHEAD, Contender, enter
 from navrl.comparing.folder import ComparisonFolder, Record
+from navrl.comparing.pilot_errors import PilotError
+from navrl.comparing.progress import shown_drive, shown_plans
+from navrl.comparing.report import headline, markdown
 from navrl.comparing.timing import decision_times
 from navrl.config import ControllersConfig, PlannerConfig, SimConfig
 from navrl.config.files import load_config
@@ -30,11 +35,15 @@ from navrl.config.levels import Level, at_level
 from navrl.durable import write_file
 from navrl.errors import UserError
 from navrl.evaluate import EVALUATION_SEED, measure
+from navrl.machine import made_with
 from navrl.paired import bootstrap_interval, differences, mcnemar, mean_difference, only_one
 from navrl.planners import Plan
 from navrl.scenarios import ScenarioList
 
-__all__ = ["Comparison", "Entry", "Pair", "compare", "enter", "write"]
+if TYPE_CHECKING:
+    from navrl.display import Display
+
+__all__ = ["Comparison", "Contender", "FailedPilots", "Pair", "compare", "enter", "write"]
 
 SCHEMA = 1
 """Version of results.json."""
@@ -75,7 +84,9 @@ class Comparison:
     sim: SimConfig
     """Robot, lidar and task at the level."""
     records: list[Record]
-    """In the order of their names as given."""
+    """In the order of their names as given; then those that the folder kept besides."""
+    earlier: list[str]
+    """Names of these last: they were compared before, with the same settings."""
     pairs: list[Pair]
     """Each with each."""
     common: list[int]
@@ -88,15 +99,18 @@ class Comparison:
             command: What was typed.
 
         Returns:
-            Schema, command, list, contenders and pairs.
+            Schema, software and processor, command, contenders and pairs.
         """
-        head = {"schema": SCHEMA, "navrl": version("navrl"), "command": command, "solved_by_all": len(self.common)}
-        return head | {"contenders": self.contenders(), "pairs": [asdict(pair) for pair in self.pairs]}
+        called = {"command": command, "earlier": self.earlier, "solved_by_all": len(self.common)}
+        results = {"contenders": self.contenders(), "pairs": [asdict(pair) for pair in self.pairs]}
+        return {"schema": SCHEMA} | made_with() | called | results
 
     def contenders(self) -> list[dict[str, Any]]:
-        """Name, level and all scores of each contender."""
+        """Name, level, all scores of each contender, and what they were made with."""
         return [
-            {"name": record.name, "level": self.level} | record.scores | self._over_common(record)
+            {"name": record.name, "level": self.level, "made_with": record.made_with}
+            | record.scores
+            | self._over_common(record)
             for record in self.records
         ]
 
@@ -108,8 +122,22 @@ class Comparison:
         }
 
 
+class FailedPilots(UserError):
+    """Pilots that the user gave have failed; the text says which, in which scenarios and how."""
+
+    def __init__(self, faults: Sequence[str], comparison: Comparison | None) -> None:
+        """Keeps what the other contenders did.
+
+        Args:
+            faults: One for each that failed.
+            comparison: Of the others; None if there are none.
+        """
+        super().__init__("; ".join(faults))
+        self.comparison = comparison
+
+
 def compare(
-    names: Sequence[str | Entry],
+    names: Sequence[str | Contender],
     scenarios: ScenarioList,
     sim: SimConfig,
     folder: Path,
@@ -118,7 +146,7 @@ def compare(
     controllers: ControllersConfig | None = None,
     planner: PlannerConfig | None = None,
     num_threads: int = 1,
-    report: Callable[[str], None] = lambda line: None,
+    display: Display | None = None,
 ) -> Comparison:
     """Runs every contender over a list, or reads what it did before, and compares each with each.
 
@@ -127,54 +155,90 @@ def compare(
             what `enter` made of such a name, or of a function of yours, which is driven anew each time.
         scenarios: The list.
         sim: Robot, lidar and task before the level changes them.
-        folder: Where results are kept: new, empty, or of a comparison with the same settings.
+        folder: Where results are kept: new, empty, or of a comparison with the same settings, whose contenders stay.
         level: Under which conditions they drive.
         controllers: Settings of the classical controllers; those that ship for the level if None.
         planner: Settings of the planners; those that ship for the level if None.
-        num_threads: Threads that step robots and plan; they do not change results.
-        report: Takes one line for each contender.
+        num_threads: Threads that step robots; they do not change results. Plans and decisions are made, and their times
+            taken, on one.
+        display: Shows a line for each contender, and how far it is; None shows nothing.
 
     Returns:
         All results.
 
     Raises:
-        UserError: A name twice or unknown, a policy for another robot, or a folder of another comparison.
+        UserError: A name twice or unknown, a policy for another robot, or a folder of another comparison; before
+            anything is driven.
+        FailedPilots: A function of yours has failed; after all others have driven.
     """
-    typed = [name if isinstance(name, str) else name.name for name in names]
-    if len(set(typed)) < len(typed):
-        twice = next(name for name in typed if typed.count(name) > 1)
-        raise UserError(f"{twice}: named twice")
-    entries = [enter(name) if isinstance(name, str) else name for name in names]
-    for entry in entries:
-        entry.check(sim, level)
+    contenders = _entered(names)
+    for contender in contenders:
+        contender.check(sim, level)
     shipped = load_config(level=level)
     sim, controllers, planner = at_level(sim, level), controllers or shipped.controllers, planner or shipped.planner
     kept = ComparisonFolder(folder, _settings(scenarios, sim, level, controllers, planner))
-    records = []
-    for entry in entries:
-        record = kept.read(entry.name, entry.policy_sha256) if entry.is_known else None
-        if record is None:
-            begin = perf_counter()
-            record = _run(entry, scenarios, sim, controllers, planner, num_threads)
-            if entry.is_known:
-                kept.keep(record, entry.policy_sha256)
-            report(f"{_line(record)}, in {perf_counter() - begin:.1f} s")
+    before = {c.name: kept.read(c.name, c.policy_sha256) for c in contenders if c.is_known}
+    others = kept.others([contender.name for contender in contenders])
+    _say(display, f"comparing {headline(scenarios, sim, level, len(contenders))}; {folder}")
+    if others:
+        _say(display, f"{folder} holds {', '.join(record.name for record in others)}, too: they stay in the report")
+    records, faults = [], []
+    for contender in contenders:
+        record, begin = before.get(contender.name), perf_counter()
+        if record is not None:
+            _say(display, f"{_line(record)}, kept")
         else:
-            report(f"{_line(record)}, kept")
+            try:
+                record = _run(contender, scenarios, sim, controllers, planner, num_threads, display)
+            except PilotError as error:
+                _say(display, str(error))
+                faults.append(str(error))
+                continue
+            if contender.is_known:
+                kept.keep(record, contender.policy_sha256)
+            _say(display, f"{_line(record)}, in {perf_counter() - begin:.1f} s")
         records.append(record)
-    solved = np.all([record.solved() for record in records], axis=0)
-    pairs = [_pair(a, b, level, scenarios.name) for a, b in combinations(records, 2)]
-    return Comparison(level, scenarios, sim, records, pairs, np.flatnonzero(solved).tolist())
+    comparison = _compared(records, others, scenarios, sim, level) if records or others else None
+    if faults or comparison is None:
+        raise FailedPilots(faults, comparison)
+    return comparison
+
+
+def _entered(names: Sequence[str | Contender]) -> list[Contender]:
+    typed = [name if isinstance(name, str) else name.name for name in names]
+    if not typed:
+        raise UserError("contenders: expected at least one name")
+    if len(set(typed)) < len(typed):
+        twice = next(name for name in typed if typed.count(name) > 1)
+        raise UserError(f"{twice}: named twice")
+    return [enter(name) if isinstance(name, str) else name for name in names]
+
+
+def _say(display: Display | None, text: str) -> None:
+    if display is not None:
+        display.line(f"navrl: {text}")
+
+
+def _compared(
+    records: list[Record], others: list[Record], scenarios: ScenarioList, sim: SimConfig, level: Level
+) -> Comparison:
+    all_records = [*records, *others]
+    common = np.flatnonzero(np.all([record.solved() for record in all_records], axis=0)).tolist()
+    pairs = [_pair(a, b, level, scenarios.name) for a, b in combinations(all_records, 2)]
+    return Comparison(level, scenarios, sim, all_records, [record.name for record in others], pairs, common)
 
 
 def write(comparison: Comparison, folder: Path, command: str) -> None:
-    """Writes results.json and episodes.jsonl.
+    """Writes results.json, episodes.jsonl, the pictures and report.md, as `navrl compare` does.
 
     Args:
         comparison: What came of it.
         folder: An existing folder.
-        command: What was typed.
+        command: What was typed, or what you want to read there.
     """
+    # Pillow is needed here only.
+    from navrl.comparing import plots
+
     results = json.dumps(comparison.to_json(command), indent=2, allow_nan=False) + "\n"
     write_file(folder / "results.json", results.encode())
     lines = [
@@ -183,34 +247,38 @@ def write(comparison: Comparison, folder: Path, command: str) -> None:
         for episode in record.episodes
     ]
     write_file(folder / "episodes.jsonl", "".join(lines).encode())
+    pictures = plots.write(comparison, folder)
+    write_file(folder / "report.md", markdown(comparison, command, pictures).encode())
 
 
 def _settings(
     scenarios: ScenarioList, sim: SimConfig, level: Level, controllers: ControllersConfig, planner: PlannerConfig
 ) -> dict[str, Any]:
     """Everything that results depend on besides the contender."""
-    settings = {"navrl": version("navrl"), "level": level, "list": scenarios.name, "list_sha256": scenarios.sha256}
+    settings = {"navrl": version("navrl"), "level": level, "list": scenarios.name, "episodes": len(scenarios)}
     led = {"planner": asdict(planner) | {"lookahead": LOOKAHEAD}}
     tables = json.loads(config_json(sim)) | asdict(controllers) | led
     flat = {f"{table}.{key}": value for table, keys in tables.items() for key, value in keys.items()}
-    return settings | {"seed": EVALUATION_SEED} | flat
+    return settings | {"list_sha256": scenarios.sha256, "seed": EVALUATION_SEED} | flat
 
 
 def _run(
-    entry: Entry,
+    contender: Contender,
     scenarios: ScenarioList,
     sim: SimConfig,
     controllers: ControllersConfig,
     planner: PlannerConfig,
     num_threads: int,
+    display: Display | None,
 ) -> Record:
-    plans = entry.plans(scenarios.scenarios, sim, planner, num_threads=num_threads)
-    drive = entry.driver(scenarios.scenarios, plans, sim, controllers)
-    evaluation = measure(drive, scenarios, sim, num_threads=num_threads)
-    times = decision_times(entry, scenarios.scenarios, sim, controllers, planner)
-    scores = evaluation.summary.to_json() | {"knows_map": entry.planner is not None}
+    name, count = contender.name, len(scenarios)
+    plans = shown_plans(contender.plans(scenarios.scenarios, sim, planner), name, count, display)
+    drive = contender.driver(scenarios.scenarios, plans, sim, controllers)
+    evaluation = measure(shown_drive(drive, name, count, display), scenarios, sim, num_threads=num_threads)
+    times = decision_times(contender, scenarios.scenarios, sim, controllers, planner)
+    scores = evaluation.summary.to_json() | {"knows_map": contender.planner is not None}
     scores |= _percentiles("decision", times) | _planning(plans, scenarios)
-    return Record(entry.name, scores, evaluation.episodes, evaluation.tracks)
+    return Record(name, scores, evaluation.episodes, evaluation.tracks, made_with())
 
 
 def _planning(plans: Sequence[Plan], scenarios: ScenarioList) -> dict[str, float]:

@@ -51,8 +51,8 @@ class Actor(Protocol):
         """Actions (N, 2) float32 in [-1, 1] for observations (N, bins + 4) float32."""
 
 
-Contender = Actor | Command | Commander | Remembering
-"""What can be evaluated: policies, and controllers as functions or as objects with a method `command`."""
+Pilot = Actor | Command | Commander | Remembering
+"""What can drive: policies, and controllers as functions or as objects with a method `command`."""
 Driver = Callable[[BatchSim, NDArray[np.intp]], NDArray[np.float32]]
 """From a simulator and the robots that still run to their actions (N, 2) float32 in [-1, 1]."""
 Towards = Callable[[BatchSim, NDArray[np.intp]], NDArray[np.float64]]
@@ -61,7 +61,7 @@ Towards = Callable[[BatchSim, NDArray[np.intp]], NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Evaluation:
-    """How a contender did on a list."""
+    """How a pilot did on a list."""
 
     summary: Scores
     """Rates, intervals and means."""
@@ -84,7 +84,7 @@ class Evaluation:
 
 
 def evaluate(
-    contender: Contender,
+    pilot: Pilot,
     scenarios: ScenarioList | Split | Sequence[Scenario] = "test",
     *,
     sim: SimConfig | None = None,
@@ -93,33 +93,33 @@ def evaluate(
     """Runs every scenario of a list exactly once.
 
     Args:
-        contender: What drives: a policy, a controller, or a callable with a controller's signature.
+        pilot: What drives: a policy, a controller, or a callable with a controller's signature.
         scenarios: A list, the purpose of a built-in one, or scenarios one by one.
-        sim: Robot, lidar and task, and the world of a built-in list; the contender's if None, for a policy in "td3".
+        sim: Robot, lidar and task, and the world of a built-in list; the pilot's if None, for a policy in "td3".
         num_threads: Threads that step the robots, 0 for all cores; they do not change results.
 
     Returns:
         Scores and episodes.
 
     Raises:
-        PolicyError: The contender is for another robot, lidar or period than `sim` has, or `sim` is missing.
+        PolicyError: The pilot is for another robot, lidar or period than `sim` has, or `sim` is missing.
         ScenarioError: There is no such list, it is empty, or the robot cannot run one of its scenarios.
-        TypeError: The contender has neither of the methods `act` and `command`, nor can it be called.
+        TypeError: The pilot has neither of the methods `act` and `command`, nor can it be called.
         ValueError: It returned actions or commands of another shape, or NaN.
     """
-    own = own_sim(contender)
+    own = own_sim(pilot)
     if sim is None:
         if own is None:
             raise PolicyError("sim: must be given for a policy without a description of its robot")
         sim = own
     elif own is not None:
-        check_same(own, sim, contender)
+        check_same(own, sim, pilot)
     threads = num_threads or cores()
     if isinstance(scenarios, str):
         scenarios = load_list(sim, scenarios, num_threads=threads)
     elif not isinstance(scenarios, ScenarioList):
         scenarios = given_list(scenarios, sim, num_threads=threads)
-    return measure(driver(contender, sim), scenarios, sim, num_threads=threads)
+    return measure(driver(pilot, sim), scenarios, sim, num_threads=threads)
 
 
 def measure(drive: Driver, scenarios: ScenarioList, sim: SimConfig, *, num_threads: int) -> Evaluation:
@@ -175,11 +175,11 @@ def steps(drive: Driver, simulator: BatchSim, running: NDArray[np.intp]) -> Iter
             running = running[simulator.outcome[running] == RUNNING]
 
 
-def driver(contender: Contender, sim: SimConfig, *, towards: Towards | None = None) -> Driver:
-    """What drives any contender: a policy by observations, a controller by ranges, goal and velocity.
+def driver(pilot: Pilot, sim: SimConfig, *, towards: Towards | None = None) -> Driver:
+    """How any pilot drives: a policy by observations, a controller by ranges, goal and velocity.
 
     Args:
-        contender: A policy, a controller, or a callable with a controller's signature. What it remembers is forgotten.
+        pilot: A policy, a controller, or a callable with a controller's signature. What it remembers is forgotten.
         sim: Robot and lidar.
         towards: What it is led to in place of its goal; None for the goal.
 
@@ -187,10 +187,10 @@ def driver(contender: Contender, sim: SimConfig, *, towards: Towards | None = No
         The function that the evaluator calls in every period.
 
     Raises:
-        TypeError: The contender has neither of the methods `act` and `command`, nor can it be called.
+        TypeError: The pilot has neither of the methods `act` and `command`, nor can it be called.
     """
-    if isinstance(contender, Actor):
-        act = contender.act
+    if isinstance(pilot, Actor):
+        act = pilot.act
 
         def by_observations(simulator: BatchSim, running: NDArray[np.intp]) -> NDArray[np.float32]:
             seen = _observations(simulator, running, towards)
@@ -198,12 +198,12 @@ def driver(contender: Contender, sim: SimConfig, *, towards: Towards | None = No
             return np.asarray(actions, np.float32)
 
         return by_observations
-    if isinstance(contender, Remembering):
-        contender.reset()
-        return _by_command(contender.command, sim, towards, with_robots=True)
-    command = getattr(contender, "command", contender)
+    if isinstance(pilot, Remembering):
+        pilot.reset()
+        return _by_command(pilot.command, sim, towards, with_robots=True)
+    command = getattr(pilot, "command", pilot)
     if not callable(command):
-        raise TypeError(f"{type(contender).__name__}: neither a policy with act nor a controller with command")
+        raise TypeError(f"{type(pilot).__name__}: neither a policy with act nor a controller with command")
     return _by_command(command, sim, towards, with_robots=False)
 
 
@@ -239,27 +239,27 @@ def _checked(method: str, noun: str, answer: ArrayLike, running: NDArray[np.intp
     return array
 
 
-def own_sim(contender: Contender) -> SimConfig | None:
-    """The simulator that the contender belongs to, if it says."""
-    description, sim = getattr(contender, "description", None), getattr(contender, "sim", None)
+def own_sim(pilot: Pilot) -> SimConfig | None:
+    """The simulator that the pilot belongs to, if it says."""
+    description, sim = getattr(pilot, "description", None), getattr(pilot, "sim", None)
     if isinstance(description, PolicyDescription):
         return description.sim_config()
     return sim if isinstance(sim, SimConfig) else None
 
 
-def check_same(own: SimConfig, sim: SimConfig, contender: Contender, *, apart_from: Sequence[str] = ()) -> None:
-    """Refuses a contender for another robot with the first difference in limits, footprint, lidar or period.
+def check_same(own: SimConfig, sim: SimConfig, pilot: Pilot, *, apart_from: Sequence[str] = ()) -> None:
+    """Refuses a pilot for another robot with the first difference in limits, footprint, lidar or period.
 
     Args:
-        own: What the contender is for.
+        own: What the pilot is for.
         sim: What it is to drive.
-        contender: The contender.
+        pilot: The pilot.
         apart_from: Keys of the robot that may differ.
 
     Raises:
         PolicyError: There is a difference.
     """
-    made_for = "the controller was made for" if isinstance(contender, Controller) else "the policy was trained for"
+    made_for = "the controller was made for" if isinstance(pilot, Controller) else "the policy was trained for"
     sizes = SIZES[own.robot.footprint]
     for table, keys in (
         ("robot", (*ROBOT_KEYS, "footprint", *sizes)),

@@ -1,6 +1,7 @@
 """What the bits of a run depend on besides its configuration: the processor, the builds and the learner's threads.
 
 Machine.here(config) -> Machine;  .differences(other) -> list of lines
+made_with() -> what a result says of the software and the processor behind it
 cpu_model(), cores(), available_memory()
 """
 
@@ -9,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+import subprocess
 from dataclasses import dataclass, fields
 from importlib import metadata
 from pathlib import Path
@@ -76,6 +78,41 @@ class Machine:
         names = [field.name for field in fields(self)]
         pairs = {name: (getattr(self, name), getattr(other, name)) for name in names}
         return [f"{name}: {own}, {others}" for name, (own, others) in pairs.items() if own != others]
+
+
+def made_with() -> dict[str, str | None]:
+    """Version and commit of navrl, version of numpy, the processor and the instruction set of the simulator's kernels.
+
+    The commit is None where navrl was installed from a wheel, and ends in "+" where the source tree was changed since.
+    """
+    from navrl import _navsim
+
+    return {
+        "navrl": metadata.version("navrl"),
+        "commit": commit(Path(__file__).parent),
+        "numpy": np.__version__,
+        "cpu": cpu_model(),
+        "isa": _navsim.isa(),
+    }
+
+
+def commit(folder: Path) -> str | None:
+    """The commit of the source tree in a folder; None if it is not one that git keeps.
+
+    Args:
+        folder: Of modules.
+    """
+
+    def git(*words: str) -> str:
+        command = ["git", "-C", str(folder), *words]
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
+
+    try:
+        # A wheel may lie within somebody else's repository, which does not keep its files.
+        git("ls-files", "--error-unmatch", Path(__file__).name)
+        return git("rev-parse", "--short=12", "HEAD") + ("+" if git("status", "--porcelain", "-uno", ".") else "")
+    except (OSError, subprocess.SubprocessError):
+        return None
 
 
 def cpu_model() -> str:

@@ -22,6 +22,7 @@ def evaluate(options: Namespace) -> int:
 
     policy = _policy(options.policy)
     sim = simulator(options, options.policy, policy.description)
+    scenarios = scenario_list(options, sim, count=count, num_threads=num_threads)
     print(f"navrl: evaluating {options.policy} on {place(options, sim)}", file=sys.stderr)
 
     from rich.console import Console
@@ -29,7 +30,6 @@ def evaluate(options: Namespace) -> int:
     from navrl import evaluate as run
     from navrl.evaluate import scores_table, write_json
 
-    scenarios = scenario_list(options, sim, count=count, num_threads=num_threads)
     evaluation = run(policy, scenarios, sim=sim, num_threads=num_threads)
     if target is not None:
         write_json(target, evaluation, options.policy)

@@ -17,13 +17,14 @@ def play(options: Namespace) -> int:
     from navrl.drawing.trajectory import drive, with_idle
 
     check_output(target)
-    config, sim, [entry] = contest(options, [options.name])
-    print(f"navrl: {entry.name} drives scenario {index} of {place(options, sim)}", file=sys.stderr)
+    config, sim, [contender] = contest(options, [options.name])
     scenarios = scenario_list(options, sim, count=None, num_threads=threads(None), lengths=False)
     robots = with_idle(scenarios, index, sim)
-    plans = entry.plans(robots, sim, config.planner, num_threads=1)
-    driver = entry.driver(robots, plans, sim, config.controllers)
+    print(f"navrl: {contender.name} drives scenario {index} of {place(options, sim)}", file=sys.stderr)
+    plans = list(contender.plans(robots, sim, config.planner))
+    driver = contender.driver(robots, plans, sim, config.controllers)
     trajectory = drive(driver, robots, sim, planned=plans[-1].path if plans else None)
-    write(trajectory, target, title=f"{entry.name} on {place(options, sim)}, scenario {index}")
-    print(f"{target}: {trajectory.outcome} after {trajectory.steps * sim.task.period:.1f} s")
+    speed = write(trajectory, target, title=f"{contender.name} on {place(options, sim)}, scenario {index}")
+    shown = "" if speed is None else f", shown {speed:.3g} times as fast"
+    print(f"{target}: {trajectory.outcome} after {trajectory.steps * sim.task.period:.1f} s{shown}")
     return DONE

@@ -11,7 +11,7 @@ from navrl.config.files import ConfigFile, load_config, load_sim
 from navrl.errors import UserError
 
 if TYPE_CHECKING:
-    from navrl.comparing.contenders import Entry
+    from navrl.comparing.contenders import Contender
     from navrl.config import Config, SimConfig
     from navrl.policy_description import PolicyDescription
     from navrl.scenarios import ScenarioList
@@ -39,7 +39,7 @@ def simulator(options: Namespace, policy: str, description: "PolicyDescription")
     return description.sim_config(load_sim(given_settings(options, "world", "boxes")).world)
 
 
-def contest(options: Namespace, names: Sequence[str]) -> "tuple[Config, SimConfig, list[Entry]]":
+def contest(options: Namespace, names: Sequence[str]) -> "tuple[Config, SimConfig, list[Contender]]":
     """Settings, the robot that all drive, and the contenders, at the level that was asked for.
 
     Robot, lidar, task and world are as configured, and if none of them is, those of the first policy, as `navrl eval`
@@ -53,18 +53,18 @@ def contest(options: Namespace, names: Sequence[str]) -> "tuple[Config, SimConfi
     from navrl.comparing.contenders import enter
     from navrl.config.levels import at_level
 
-    entries = [enter(name) for name in names]
+    contenders = [enter(name) for name in names]
     sim = config.sim
-    first = next((entry for entry in entries if entry.policy is not None), None)
+    first = next((contender for contender in contenders if contender.policy is not None), None)
     tables = {option.key.partition(".")[0] for option in given_settings(options)}.union(file.tables if file else ())
     configured = options.robot or tables.intersection(table.name for table in fields(sim))
     if first is not None and first.policy is not None and not configured:
         sim = simulator(options, first.name.removesuffix(f"+{first.planner}"), first.policy.description)
         if options.level == "ideal" and at_level(sim, "real") == sim:
             raise UserError(f"{first.name}: was trained for --level real")
-    for entry in entries:
-        entry.check(sim, options.level)
-    return config, at_level(sim, options.level), entries
+    for contender in contenders:
+        contender.check(sim, options.level)
+    return config, at_level(sim, options.level), contenders
 
 
 def place(options: Namespace, sim: "SimConfig") -> str:

@@ -1,29 +1,32 @@
-"""Who takes part in a comparison: a policy, a controller, or one of them led along the path of a planner.
+"""Who takes part in a comparison: a contender has a name, a pilot that drives, and maybe a planner that leads it.
 
-    entry = enter("default+astar")                              a name, read; policies are loaded
-    entry = enter("mine+astar", my_controller)                  one of yours, with or without a planner
-    plans = entry.plans(scenarios, sim, config, ...)            the paths that lead it
-    drive = entry.driver(scenarios, plans, sim, controllers)    what the evaluator calls in every period
+    contender = enter("default+astar")                          a name, read; policies are loaded
+    contender = enter("mine+astar", my_controller)              a pilot of yours, with or without a planner
+    plans = list(contender.plans(scenarios, sim, config))       the paths that lead it
+    drive = contender.driver(scenarios, plans, sim, controllers)    what the evaluator calls in every period
 
-Only a contender with a planner gets the map, and only the planner reads it: what drives has its scan, the goal that it
-is led to, and its own speed, as all others have.
+Only a contender with a planner gets the map, and only the planner reads it: the pilot has its scan, the goal that it is
+led to, and its own speed, as all others have.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from navrl.comparing.pilot_errors import naming
 from navrl.config.levels import REAL, Level
-from navrl.controllers import NAMES, Controller, Name
+from navrl.controllers import NAMES as CONTROLLERS
+from navrl.controllers import Controller
+from navrl.controllers import Name as ControllerName
 from navrl.errors import UserError
-from navrl.evaluate import Contender, Driver, Towards, check_same, driver, own_sim
-from navrl.planners import PLANNERS, Lookahead, Plan, Planner, plan_all
+from navrl.evaluate import Driver, Pilot, Towards, check_same, driver, own_sim
+from navrl.planners import PLANNERS, Lookahead, Plan, Planner, plan
 from navrl.policy import Policy, load_policy
 from navrl.scenarios import robot_radius
 
@@ -36,20 +39,20 @@ LOOKAHEAD = 1.0
 
 
 @dataclass(frozen=True)
-class Entry:
-    """A contender by name, before it knows its robot."""
+class Contender:
+    """Who takes part, before it knows its robot."""
 
     name: str
     """As typed."""
-    local: Contender | Name
-    """What drives: a policy, the name of a controller, or what the user gave under the entry's name."""
+    pilot: Pilot | ControllerName
+    """What drives: a policy, the name of a controller, or what the user gave under the contender's name."""
     planner: Planner | None
-    """Who leads it on the map, if anybody."""
+    """Who leads the pilot on the map, if anybody."""
 
     @property
     def policy(self) -> Policy | None:
         """The policy that drives, if one does."""
-        return self.local if isinstance(self.local, Policy) else None
+        return self.pilot if isinstance(self.pilot, Policy) else None
 
     @property
     def policy_sha256(self) -> str | None:
@@ -64,7 +67,7 @@ class Entry:
     @property
     def is_known(self) -> bool:
         """Whether the same contender can be told from another of its name: not so of what a user gave."""
-        return isinstance(self.local, (Policy, str))
+        return isinstance(self.pilot, Policy | str)
 
     def check(self, sim: SimConfig, level: Level) -> None:
         """Refuses a contender for another robot than that of the comparison, but for what the level sets for all.
@@ -76,33 +79,35 @@ class Entry:
         Raises:
             UserError: With the first difference.
         """
-        if isinstance(self.local, str):
+        if isinstance(self.pilot, str):
             return
-        own, apart_from = own_sim(self.local), tuple(REAL["robot"]) if level == "real" else ()
+        own, apart_from = own_sim(self.pilot), tuple(REAL["robot"]) if level == "real" else ()
         if own is not None:
             try:
-                check_same(own, sim, self.local, apart_from=apart_from)
+                check_same(own, sim, self.pilot, apart_from=apart_from)
             except UserError as error:
                 raise UserError(f"{self.name}: {error}") from None
 
-    def plans(
-        self, scenarios: Sequence[Scenario], sim: SimConfig, config: PlannerConfig, *, num_threads: int
-    ) -> list[Plan]:
-        """The paths that lead it, one for each scenario; none without a planner.
+    def plans(self, scenarios: Sequence[Scenario], sim: SimConfig, config: PlannerConfig) -> Iterator[Plan]:
+        """The paths that lead it, one for each scenario, planned one after the other; none without a planner.
 
         Args:
             scenarios: Maps with starts and goals.
             sim: The robot, for its radius.
             config: Settings of the planner.
-            num_threads: Scenarios that are planned at once.
         """
-        if self.planner is None:
-            return []
-        radius = robot_radius(sim)
-        return plan_all(scenarios, self.planner, radius=radius, config=config, num_threads=num_threads)
+        if self.planner is not None:
+            for index, scenario in enumerate(scenarios):
+                yield plan(scenario, self.planner, radius=robot_radius(sim), config=config, index=index)
 
     def driver(
-        self, scenarios: Sequence[Scenario], plans: Sequence[Plan], sim: SimConfig, controllers: ControllersConfig
+        self,
+        scenarios: Sequence[Scenario],
+        plans: Sequence[Plan],
+        sim: SimConfig,
+        controllers: ControllersConfig,
+        *,
+        first: int = 0,
     ) -> Driver:
         """What the evaluator calls.
 
@@ -111,16 +116,19 @@ class Entry:
             plans: What `plans` gave for them.
             sim: Robot and lidar.
             controllers: Settings.
+            first: Place of the first of these scenarios in its list, for what is said when the user's pilot fails.
 
         Returns:
             The driver.
         """
-        contender = Controller(self.local, sim, controllers) if isinstance(self.local, str) else self.local
-        if self.planner is None:
-            return driver(contender, sim)
-        distance = controllers.pursuit.lookahead if self.local == "pursuit" else LOOKAHEAD
-        goals = np.array([scenario.goal for scenario in scenarios])
-        return driver(contender, sim, towards=along(Lookahead(plans, goals, distance=distance)))
+        pilot = Controller(self.pilot, sim, controllers) if isinstance(self.pilot, str) else self.pilot
+        towards = None
+        if self.planner is not None:
+            distance = controllers.pursuit.lookahead if self.pilot == "pursuit" else LOOKAHEAD
+            goals = np.array([scenario.goal for scenario in scenarios])
+            towards = along(Lookahead(plans, goals, distance=distance))
+        drive = driver(pilot, sim, towards=towards)
+        return drive if self.is_known else naming(drive, self.name, first=first)
 
 
 def along(guide: Lookahead) -> Towards:
@@ -139,39 +147,43 @@ def along(guide: Lookahead) -> Towards:
     return towards
 
 
-def enter(name: str, contender: Contender | None = None) -> Entry:
-    """Reads the name of a contender, or gives one of yours its name.
+def enter(name: str, pilot: Pilot | None = None) -> Contender:
+    """Reads the name of a contender, or gives a pilot of yours a name.
 
     Args:
         name: A run folder, a policy folder, "default", a controller, or one of these, "+" and a planner. A name of your
             own, with or without "+" and a planner, for what you give.
-        contender: What drives under that name: a controller as a function or an object, or a policy.
+        pilot: What drives under that name: a controller as a function or an object, or a policy.
 
     Returns:
         The contender.
 
     Raises:
         UserError: No such contender, a damaged policy, or the name of another contender for yours.
+        TypeError: What you give is no pilot.
     """
-    local, plus, planner = name.rpartition("+")
-    own, taken = contender is not None, (*NAMES, "default")
-    if own and (name in taken or local in taken):
+    before, plus, after = name.rpartition("+")
+    own, taken = pilot is not None, (*CONTROLLERS, "default")
+    if own and (name in taken or before in taken):
         raise UserError(f"{name}: expected a name of your own, none of {', '.join(taken)}")
-    if plus and planner in PLANNERS:
-        return Entry(name, _local(local) if contender is None else contender, planner)
-    if plus and (own or local in taken):
+    if plus and after not in PLANNERS and (own or before in taken):
         raise UserError(f"{name}: expected a planner after the +: {', '.join(PLANNERS)}")
-    if contender is not None:
-        return Entry(name, contender, None)
+    planner = after if plus and after in PLANNERS else None
+    if pilot is not None:
+        if not any(callable(getattr(pilot, method, None)) for method in ("act", "command", "__call__")):
+            raise TypeError(
+                f"{name}: {type(pilot).__name__} is neither a policy with act nor a controller with command"
+            )
+        return Contender(name, pilot, planner)
     if name == "pursuit":
         raise UserError("pursuit: follows a path: name a planner too, such as pursuit+astar")
-    return Entry(name, _local(name), None)
+    return Contender(name, _known_pilot(name if planner is None else before), planner)
 
 
-def _local(name: str) -> Policy | Name:
-    if name in NAMES:
+def _known_pilot(name: str) -> Policy | ControllerName:
+    if name in CONTROLLERS:
         return name
     try:
         return load_policy(name)
     except UserError as error:
-        raise UserError(f"{error}, or a contender of {', '.join(NAMES)}, with or without +PLANNER") from None
+        raise UserError(f"{error}, or a contender of {', '.join(CONTROLLERS)}, with or without +PLANNER") from None

@@ -1,6 +1,6 @@
 """The folder of a comparison: what each contender did is kept there, so that a comparison continues where it was cut.
 
-DIR/settings.json                     what every result in the folder was made with
+DIR/settings.json                     list, level and settings of every result in the folder
 DIR/contenders/NAME.json, NAME.npz    scores and episodes, and where the robot was
 DIR/results.json, episodes.jsonl, report.md, *.png    written at the end, anew each time
 """
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Collection
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -23,10 +24,22 @@ from navrl.durable import write_file
 from navrl.errors import UserError, shown
 from navrl.metrics import Episode
 
+SCHEMA = 2
+"""Version of what is kept."""
 SETTINGS_FILE = "settings.json"
 CONTENDERS = "contenders"
 LONGEST_NAME = 150
 """Characters of a contender's name in a file name: systems allow 255 bytes."""
+TERMS = {
+    "schema": "layout",
+    "navrl": "version of navrl",
+    "level": "level",
+    "list": "list",
+    "world.name": "world",
+    "world.boxes": "number of boxes",
+    "episodes": "number of scenarios",
+}
+"""Settings that everybody knows, in the user's words; where one of them differs, others follow from it."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +54,8 @@ class Record:
     """One for each scenario."""
     tracks: list[NDArray[np.float32]]
     """(steps, 3) x, y, yaw (m, m, rad) after each step of each scenario."""
+    made_with: dict[str, str | None]
+    """Software and processor: `navrl.machine.made_with`."""
 
     def solved(self) -> list[bool]:
         """Which scenarios it reached the goal of."""
@@ -61,6 +76,7 @@ class ComparisonFolder:
             UserError: It is no folder, it holds something else, or a comparison with other settings.
         """
         self.path = path
+        settings = {"schema": SCHEMA} | settings
         if path.exists() and not path.is_dir():
             raise UserError(f"--out {path}: is not a folder")
         file = path / SETTINGS_FILE
@@ -84,19 +100,25 @@ class ComparisonFolder:
         file = self._file(name)
         if not file.is_file():
             return None
-        record, tracks = _read(file), file.with_suffix(file.suffix + ".npz")
-        if record.get("policy_sha256") != policy_sha256:
-            raise UserError(f"{self.path}: holds results of another policy {name}; choose another folder")
-        try:
-            scores, episodes = record["scores"], [Episode.from_json(episode) for episode in record["episodes"]]
-            with np.load(tracks, allow_pickle=False) as arrays:
-                poses = arrays["poses"]
-            ends = np.cumsum([episode.steps for episode in episodes])
-            if poses.shape != (ends[-1], 3):
-                raise ValueError("poses of other episodes")
-        except (OSError, EOFError, ValueError, TypeError, KeyError, BadZipFile):
-            raise UserError(f"{file}: damaged, or {tracks.name} is; remove both") from None
-        return Record(name, scores, episodes, np.split(poses, ends[:-1]))
+        content = _read(file)
+        if content.get("policy_sha256") != policy_sha256:
+            raise UserError(
+                f"{name}: the policy has changed since it was compared in {self.path}; choose another folder, or remove"
+                f" {file} to drive it anew"
+            )
+        return _record(file, content)
+
+    def others(self, names: Collection[str]) -> list[Record]:
+        """What is kept of contenders besides these, in alphabetical order.
+
+        Args:
+            names: Contenders.
+
+        Raises:
+            UserError: A file is damaged.
+        """
+        contents = {file: _read(file) for file in sorted((self.path / CONTENDERS).glob("*.json"))}
+        return [_record(file, content) for file, content in contents.items() if content.get("name") not in names]
 
     def keep(self, record: Record, policy_sha256: str | None) -> None:
         """Keeps what a contender did; a crash leaves it complete or absent.
@@ -109,14 +131,29 @@ class ComparisonFolder:
         np.savez_compressed(content, poses=np.concatenate(record.tracks))
         write_file(file.with_suffix(file.suffix + ".npz"), content.getvalue())
         episodes = [episode.to_json() for episode in record.episodes]
-        kept = {"name": record.name, "policy_sha256": policy_sha256, "scores": record.scores, "episodes": episodes}
-        write_file(file, _json(kept))
+        kept = {"name": record.name, "policy_sha256": policy_sha256, "made_with": record.made_with}
+        write_file(file, _json(kept | {"scores": record.scores, "episodes": episodes}))
 
     def _file(self, name: str) -> Path:
         short = quote(name, safe="+")
         if len(short) > LONGEST_NAME:
             short = f"{short[:LONGEST_NAME]}-{sha256(name.encode()).hexdigest()[:16]}"
         return self.path / CONTENDERS / f"{short}.json"
+
+
+def _record(file: Path, content: dict[str, Any]) -> Record:
+    tracks = file.with_suffix(file.suffix + ".npz")
+    try:
+        name, scores, made_with = content["name"], content["scores"], content["made_with"]
+        episodes = [Episode.from_json(episode) for episode in content["episodes"]]
+        with np.load(tracks, allow_pickle=False) as arrays:
+            poses = arrays["poses"]
+        ends = np.cumsum([episode.steps for episode in episodes])
+        if poses.shape != (ends[-1], 3):
+            raise ValueError("poses of other episodes")
+    except (OSError, EOFError, ValueError, TypeError, KeyError, BadZipFile):
+        raise UserError(f"{file}: damaged, or {tracks.name} is; remove both") from None
+    return Record(name, scores, episodes, np.split(poses, ends[:-1]), made_with)
 
 
 def _read(file: Path) -> dict[str, Any]:
@@ -138,7 +175,18 @@ def _json(value: Any) -> bytes:  # noqa: ANN401 - any JSON value
 
 
 def _check_settings(path: Path, held: dict[str, Any], asked: dict[str, Any]) -> None:
-    for key in {**held, **asked}:
-        old, new = held.get(key), asked.get(key)
-        if old != new:
-            raise UserError(f"{path}: holds a comparison with another {key}: {shown(old)}, not {shown(new)}")
+    differing = [key for key in {**held, **asked} if held.get(key) != asked.get(key) and key != "list_sha256"]
+    told = [key for key in TERMS if key in differing] or differing
+    if told:
+        differences = [f"{TERMS.get(key, key)} {_plain(held.get(key))}, not {_plain(asked.get(key))}" for key in told]
+        more = f"; and {len(told) - 3} more" if len(told) > 3 else ""
+        fault = "; ".join(differences[:3]) + more
+    elif held.get("list_sha256") != asked.get("list_sha256"):
+        fault = f"other scenarios by the name of {asked['list']}: the file of the scenarios or of the world has changed"
+    else:
+        return
+    raise UserError(f"{path}: holds a comparison with {fault}; choose another folder, or the same settings")
+
+
+def _plain(value: object) -> str:
+    return value if isinstance(value, str) else shown(value)

@@ -1,4 +1,8 @@
-"""A comparison as tables: for the terminal, and as report.md beside its pictures."""
+"""A comparison as tables: two for the terminal, and all of them as report.md beside its pictures.
+
+headline(scenarios, sim, level, count) -> what is compared, in a line
+terminal(comparison, file, console);  markdown(comparison, command, pictures)
+"""
 
 from __future__ import annotations
 
@@ -6,10 +10,89 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from navrl.comparing.short_names import short_names
+from navrl.scenarios import LIST_SIZES
+
 if TYPE_CHECKING:
     from rich.console import Console
 
     from navrl.compare import Comparison, Pair
+    from navrl.config import SimConfig
+    from navrl.config.levels import Level
+    from navrl.scenarios import ScenarioList
+
+Scores = dict[str, Any]
+"""What `Comparison.contenders` says of one."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A measure of a contender."""
+
+    header: str
+    """With its unit; a new line where a narrow table may break it."""
+    cell: Callable[[Scores], str]
+    """Its text."""
+
+
+def number(key: str, digits: int, *, scale: float = 1.0) -> Callable[[Scores], str]:
+    """A score, or "-" where there is none."""
+
+    def cell(scores: Scores) -> str:
+        value = scores.get(key)
+        return "-" if value is None else f"{scale * value:.{digits}f}"
+
+    return cell
+
+
+def share(key: str) -> Callable[[Scores], str]:
+    """A rate with its interval in percent: 98.3 (91.1-99.7)."""
+
+    def cell(scores: Scores) -> str:
+        rate, bounds = scores[f"{key}_rate"], scores[f"{key}_ci95"]
+        return "-" if rate is None else f"{percent(rate)} ({percent(bounds[0])}-{percent(bounds[1])})"
+
+    return cell
+
+
+def percent(value: float) -> str:
+    """A share in percent: 98.3, and exactly none or all as 0 or 100."""
+    return f"{100 * value:.0f}" if value in (0.0, 1.0) else f"{100 * value:.1f}"
+
+
+ARRIVE = (
+    Column("success\n% (95 %)", share("success")),
+    Column("collision\n% (95 %)", share("collision")),
+    Column("time-out\n% (95 %)", share("timeout")),
+    Column("SPL\n", number("spl", 3)),
+)
+DETOUR = Column("success with\ndetour % (95 %)", share("detour_success"))
+DRIVE = (
+    Column("time\ns", number("time_to_goal_s", 2)),
+    Column("path\nm", number("path_length_m", 2)),
+    Column("path /\nshortest", number("path_ratio", 3)),
+)
+KEEP_CLEAR = (
+    Column("least clearance\nm", number("min_clearance_m", 3)),
+    Column("5th percentile of clearance\nm", number("p5_clearance_m", 3)),
+    Column("jerk\nm/s^3", number("jerk_m_s3", 2)),
+    Column("change of omega\nrad/s", number("omega_change_rad_s", 1)),
+    Column("turning in place\n% of the time", number("turning_share", 1, scale=100)),
+)
+COMMON = (
+    Column("time\ns", number("common_time_to_goal_s", 2)),
+    Column("path\nm", number("common_path_length_m", 2)),
+)
+DECISION = Column("decision\np50 ms", number("decision_p50_ms", 3))
+THINK = (
+    DECISION,
+    Column("decision\np99 ms", number("decision_p99_ms", 3)),
+    Column("knows the map", lambda scores: "yes" if scores["knows_map"] else "no"),
+    Column("plan\np50 ms", number("planning_p50_ms", 2)),
+    Column("plan\np99 ms", number("planning_p99_ms", 2)),
+    Column("plans found", number("plans_found", 0)),
+    Column("plan /\nshortest", number("plan_ratio", 3)),
+)
 
 
 @dataclass(frozen=True)
@@ -17,23 +100,24 @@ class Sheet:
     """A table of texts."""
 
     title: str
+    note: str
     columns: tuple[str, ...]
     rows: list[tuple[str, ...]]
 
 
-def number(value: float | None, digits: int) -> str:
-    """A number, or "-" where there is none."""
-    return "-" if value is None else f"{value:.{digits}f}"
+def sheet(comparison: Comparison, title: str, note: str, columns: Sequence[Column]) -> Sheet:
+    """A table with a row for each contender.
 
-
-def percent(value: float | None) -> str:
-    """A share in percent, or "-"."""
-    return "-" if value is None else f"{100 * value:.1f}"
-
-
-def interval(bounds: Sequence[float] | None, show: Callable[[float], str]) -> str:
-    """An interval, or "-"."""
-    return "-" if bounds is None else f"{show(bounds[0])}..{show(bounds[1])}"
+    Args:
+        comparison: Whose contenders.
+        title: What it shows.
+        note: What one has to know to read it.
+        columns: Measures.
+    """
+    entries = comparison.contenders()
+    names = short_names([entry["name"] for entry in entries])
+    rows = [(name, *(column.cell(entry) for column in columns)) for name, entry in zip(names, entries, strict=True)]
+    return Sheet(title, note, ("contender", *(column.header for column in columns)), rows)
 
 
 def sheets(comparison: Comparison) -> list[Sheet]:
@@ -42,151 +126,163 @@ def sheets(comparison: Comparison) -> list[Sheet]:
     Args:
         comparison: What came of it.
     """
-    rows = [(entry["name"], entry) for entry in comparison.contenders()]
-    arrive = [(name, *_arrives(scores)) for name, scores in rows]
-    drive = [(name, *_drives(scores)) for name, scores in rows]
-    think = [(name, *_thinks(scores)) for name, scores in rows]
-    detours, common = rows[0][1]["detour_episodes"], len(comparison.common)
+    common, scenarios = len(comparison.common), len(comparison.scenarios)
+    spl_detour = Column("SPL with detour", number("detour_spl", 3))
     return [
-        Sheet(
-            f"Who arrives: %, 95 % intervals, SPL; success also where a detour is needed, in {detours}",
-            ("contender", "success", "95 %", "coll.", "time-out", "SPL", "detour", "95 %"),
-            arrive,
+        sheet(
+            comparison,
+            "Who arrives",
+            f"Shares of {scenarios:,} scenarios, in brackets Wilson 95 % intervals. {_detours(comparison)}.",
+            (*ARRIVE, DETOUR, spl_detour),
+        ),
+        sheet(
+            comparison,
+            "How they drive",
+            "Means: time, path and path / shortest over the scenarios that the contender solves, the rest over all.",
+            (*DRIVE, *KEEP_CLEAR),
+        ),
+        sheet(
+            comparison,
+            "Where all arrive",
+            f"Means over the {common:,} scenarios that every contender solves.",
+            COMMON if common else (),
+        ),
+        sheet(
+            comparison,
+            "How long they think",
+            "One robot, one call, one thread: 1,000 decisions, and one plan for each scenario.",
+            THINK,
         ),
         Sheet(
-            "How they drive: s, m, path / shortest; clearance: least, 5th percentile; m/s^3, rad/s, %",
-            ("contender", "time", "path", "ratio", "least", "5th", "jerk", "turning", "in place"),
-            drive,
-        ),
-        Sheet(
-            f"Over the {common} scenarios that all solve: time (s), path (m)",
-            ("contender", "time", "path"),
-            [
-                (name, number(scores["common_time_to_goal_s"], 2), number(scores["common_path_length_m"], 2))
-                for name, scores in rows
-            ],
-        ),
-        Sheet(
-            "How long they think (ms): one robot, one call, one thread",
-            ("contender", "decision p50", "p99", "knows the map", "plan p50", "p99", "found", "plan/shortest"),
-            think,
-        ),
-        Sheet(
-            "Each against each: solved by one alone, exact McNemar, differences with paired bootstrap 95 % intervals",
-            ("a", "b", "a only", "b only", "p", "SPL a - b", "interval", "time a - b s", "interval"),
-            [_against(pair) for pair in comparison.pairs],
+            "Each against each",
+            "Scenarios that only the one solves, exact McNemar test, differences with paired bootstrap 95 % intervals.",
+            ("a", "b", "only a", "only b", "p", "SPL a - b (95 %)", "time a - b, s (95 %)"),
+            [_against(pair, comparison) for pair in comparison.pairs],
         ),
     ]
 
 
-def _arrives(scores: dict[str, Any]) -> tuple[str, ...]:
+def _detours(comparison: Comparison) -> str:
+    count = comparison.records[0].scores["detour_episodes"]
+    return f"{count:,} scenarios need a detour: an obstacle stands on the straight line"
+
+
+def _against(pair: Pair, comparison: Comparison) -> tuple[str, ...]:
+    names = [record.name for record in comparison.records]
+    shorts = dict(zip(names, short_names(names), strict=True))
     return (
-        percent(scores["success_rate"]),
-        interval(scores["success_ci95"], percent),
-        percent(scores["collision_rate"]),
-        percent(scores["timeout_rate"]),
-        number(scores["spl"], 3),
-        percent(scores["detour_success_rate"]),
-        interval(scores["detour_success_ci95"], percent),
-    )
-
-
-def _drives(scores: dict[str, Any]) -> tuple[str, ...]:
-    return (
-        number(scores["time_to_goal_s"], 2),
-        number(scores["path_length_m"], 2),
-        number(scores["path_ratio"], 3),
-        number(scores["min_clearance_m"], 3),
-        number(scores["p5_clearance_m"], 3),
-        number(scores["jerk_m_s3"], 2),
-        number(scores["omega_change_rad_s"], 1),
-        percent(scores["turning_share"]),
-    )
-
-
-def _thinks(scores: dict[str, Any]) -> tuple[str, ...]:
-    found = scores.get("plans_found")
-    return (
-        number(scores["decision_p50_ms"], 3),
-        number(scores["decision_p99_ms"], 3),
-        "yes" if scores["knows_map"] else "no",
-        number(scores.get("planning_p50_ms"), 1),
-        number(scores.get("planning_p99_ms"), 1),
-        "-" if found is None else str(found),
-        number(scores.get("plan_ratio"), 3),
-    )
-
-
-def _against(pair: Pair) -> tuple[str, ...]:
-    return (
-        pair.a,
-        pair.b,
+        shorts[pair.a],
+        shorts[pair.b],
         str(pair.only_a),
         str(pair.only_b),
         f"{pair.mcnemar_p:.2g}",
-        f"{pair.spl_diff:+.3f}",
-        interval(pair.spl_diff_ci95, lambda value: f"{value:+.3f}"),
-        "-" if pair.time_diff_s is None else f"{pair.time_diff_s:+.2f}",
-        interval(pair.time_diff_s_ci95, lambda value: f"{value:+.2f}"),
+        _difference(pair.spl_diff, pair.spl_diff_ci95, 3),
+        _difference(pair.time_diff_s, pair.time_diff_s_ci95, 2),
     )
 
 
-def contenders(count: int) -> str:
-    """A number of contenders in words."""
-    return f"{count} contender{'' if count == 1 else 's'}"
+def _difference(value: float | None, bounds: tuple[float, float] | None, digits: int) -> str:
+    if value is None or bounds is None:
+        return "-"
+    return f"{value:+.{digits}f} ({bounds[0]:+.{digits}f} to {bounds[1]:+.{digits}f})"
 
 
-def headline(comparison: Comparison, world: str) -> str:
-    """What was compared, in a line."""
-    scenarios = comparison.scenarios
-    which = "" if scenarios.name == world else f", list {scenarios.name}"
-    count = contenders(len(comparison.records))
-    return f"{count} on {world}{which}, level {comparison.level}: {len(scenarios):,} scenarios"
+def headline(scenarios: ScenarioList, sim: SimConfig, level: Level, count: int) -> str:
+    """What is compared, in a line.
+
+    Args:
+        scenarios: What all of them run.
+        sim: With the world of a built-in list.
+        level: Under which conditions.
+        count: Contenders.
+    """
+    world = f"boxes ({sim.world.boxes})" if sim.world.name == "boxes" else sim.world.name
+    where = f"{world}, list {scenarios.name}" if scenarios.name in LIST_SIZES else f"{scenarios.name} scenarios"
+    if scenarios.lines is not None:
+        where = scenarios.name
+    many = f"{count} contender{'' if count == 1 else 's'}"
+    return f"{many} on {where}, level {level}: {len(scenarios):,} scenario{'' if len(scenarios) == 1 else 's'}"
 
 
-def terminal(comparison: Comparison, world: str, console: Console) -> str:
-    """The first two tables, to be printed.
+def _headline(comparison: Comparison) -> str:
+    return headline(comparison.scenarios, comparison.sim, comparison.level, len(comparison.records))
+
+
+def terminal(comparison: Comparison, file: str, console: Console) -> str:
+    """Two tables of at most 80 columns, to be printed.
 
     Args:
         comparison: What came of it.
-        world: Name of the world or file.
+        file: Where the report is.
         console: Whose width and colours they have.
     """
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
+    shown = (
+        sheet(comparison, _headline(comparison), "", ARRIVE),
+        sheet(comparison, f"{_detours(comparison)}.\nTime and path over successes", "", (DETOUR, *DRIVE, DECISION)),
+    )
     with console.capture() as capture:
-        console.print(headline(comparison, world), soft_wrap=True, highlight=False)
-        for sheet in sheets(comparison)[:2]:
-            console.print(f"\n{sheet.title}", soft_wrap=True, highlight=False)
+        for one in shown:
+            console.print(one.title, soft_wrap=True, highlight=False)
             table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
-            for index, column in enumerate(sheet.columns):
-                table.add_column(column, justify="right" if index else "left", no_wrap=index > 0)
-            for row in sheet.rows:
+            for index, column in enumerate(one.columns):
+                table.add_column(column, justify="right" if index else "left", no_wrap=True, vertical="bottom")
+            for row in one.rows:
                 table.add_row(*row)
             console.print(table)
+            console.print()
+        rest = "clearance, jerk, planning, where all arrive, each against each, names in full, pictures"
+        console.print(f"{file}: {rest}", soft_wrap=True, highlight=False)
     return capture.get()
 
 
-def markdown(comparison: Comparison, world: str, command: str, pictures: Sequence[tuple[str, str]]) -> str:
+def markdown(comparison: Comparison, command: str, pictures: Sequence[tuple[str, str]]) -> str:
     """The content of report.md.
 
     Args:
         comparison: What came of it.
-        world: Name of the world or file.
         command: What was typed.
         pictures: File and caption of each.
     """
-    lines = [f"# {headline(comparison, world)}", "", f"    {command}", ""]
-    lines += [f"List `{comparison.scenarios.name}`, sha256 `{comparison.scenarios.sha256}`.", ""]
-    for sheet in sheets(comparison):
-        lines += [f"## {sheet.title}", ""]
-        lines += [_markdown_row(sheet.columns), _markdown_row(["---"] * len(sheet.columns))]
-        lines += [_markdown_row(row) for row in sheet.rows] + [""]
+    lines = [f"# {_headline(comparison)}", "", f"    {command}", "", *_circumstances(comparison), ""]
+    for one in sheets(comparison):
+        lines += [f"## {one.title}", "", one.note, ""]
+        if len(one.columns) > 1 and one.rows:
+            lines += [_markdown_row(one.columns), _markdown_row(["---"] * len(one.columns))]
+            lines += [_markdown_row(row) for row in one.rows] + [""]
     for file, caption in pictures:
         lines += [f"![{caption}]({file})", "", caption, ""]
     return "\n".join(lines[:-1]) + "\n"
 
 
+def _circumstances(comparison: Comparison) -> list[str]:
+    """Who was compared before, what by, the list, and names in full."""
+    lines = [f"- List `{comparison.scenarios.name}`, sha256 `{comparison.scenarios.sha256}`."]
+    if comparison.earlier:
+        earlier = ", ".join(f"`{name}`" for name in comparison.earlier)
+        lines.append(f"- Compared before, by commands with the same settings: {earlier}.")
+    by: dict[str, list[str]] = {}
+    for record in comparison.records:
+        by.setdefault(_made_with(record.made_with), []).append(f"`{record.name}`")
+    for made_with, names in by.items():
+        lines.append(f"- {made_with}{'' if len(by) == 1 else ': ' + ', '.join(names)}.")
+    names = [record.name for record in comparison.records]
+    for name, short in zip(names, short_names(names), strict=True):
+        if name != short:
+            lines.append(f"- {_escaped(short)} is `{name}`.")
+    return lines
+
+
+def _made_with(made_with: dict[str, str | None]) -> str:
+    commit = "" if made_with["commit"] is None else f", commit {made_with['commit']}"
+    return f"navrl {made_with['navrl']}{commit}; numpy {made_with['numpy']}; {made_with['cpu']}; {made_with['isa']}"
+
+
 def _markdown_row(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+    return "| " + " | ".join(_escaped(cell) for cell in cells) + " |"
+
+
+def _escaped(cell: str) -> str:
+    return " ".join(cell.replace("|", "\\|").split())

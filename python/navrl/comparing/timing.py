@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from navrl.batch import Scenario
-    from navrl.comparing.contenders import Entry
+    from navrl.comparing.contenders import Contender
     from navrl.config import ControllersConfig, PlannerConfig, SimConfig
 
 CALLS = 1000
@@ -26,12 +26,16 @@ WARM_UP = 100
 
 
 def decision_times(
-    entry: Entry, scenarios: Sequence[Scenario], sim: SimConfig, controllers: ControllersConfig, planner: PlannerConfig
+    contender: Contender,
+    scenarios: Sequence[Scenario],
+    sim: SimConfig,
+    controllers: ControllersConfig,
+    planner: PlannerConfig,
 ) -> NDArray[np.float64]:
     """Times of single decisions on the way through the first scenarios; planning, done once before, is not counted.
 
     Args:
-        entry: The contender.
+        contender: Who decides.
         scenarios: Driven one after the other until there are enough calls, from the first again if need be.
         sim: Robot, lidar and task.
         controllers: Settings of controllers.
@@ -48,9 +52,9 @@ def decision_times(
         times.append(perf_counter() - begin)
         return actions
 
-    for scenario in cycle(scenarios):
-        plans = entry.plans([scenario], sim, planner, num_threads=1)
-        drive = entry.driver([scenario], plans, sim, controllers)
+    for place, scenario in cycle(enumerate(scenarios)):
+        plans = list(contender.plans([scenario], sim, planner))
+        drive = contender.driver([scenario], plans, sim, controllers, first=place)
         simulator = BatchSim(sim, num_envs=1, seed=EVALUATION_SEED, autoreset=False, scenarios=[scenario])
         for _ in steps(timed, simulator, np.arange(1)):
             if len(times) >= WARM_UP + CALLS:

@@ -58,18 +58,26 @@ def check_output(file: Path) -> None:
             ) from None
 
 
-def write(trajectory: Trajectory, file: Path, *, title: str) -> None:
-    """Writes an episode as a picture (.png) or a film (.gif, .mp4).
+def write(trajectory: Trajectory, file: Path, *, title: str) -> float | None:
+    """Writes an episode as a picture (.png) or a film (.gif, .mp4), which says how fast it runs.
 
     Args:
         trajectory: The episode.
         file: Where to; `check_output` says what is possible.
         title: First line of the caption.
-    """
-    from navrl.drawing.render import Room
 
-    kind = file.suffix.lower()
+    Returns:
+        How many times as fast as the robot the film runs; None for a picture.
+    """
+    from navrl.drawing.legend import Item, ring
+    from navrl.drawing.render import GHOST, GHOST_EDGE, Room
+
+    kind, speed = file.suffix.lower(), None
     size, supersample = (PICTURE_PX, 4) if kind == ".png" else (FILM_PX, 2)
+    explained = Item(f"the robot every {GHOST_S:g} s", ring(GHOST_EDGE, GHOST))
+    if kind != ".png":
+        speed = shown_speed(trajectory.steps, trajectory.sim.task.period, GIF_RATE if kind == ".gif" else MP4_RATE)
+        explained = Item(f"shown {speed:.3g} times as fast")
     room = Room(
         trajectory.scenario,
         trajectory.sim,
@@ -78,16 +86,18 @@ def write(trajectory: Trajectory, file: Path, *, title: str) -> None:
         supersample=supersample,
         path=trajectory.poses[:, :2],
         planned=trajectory.planned,
+        explained=[explained],
     )
     if kind == ".mp4":
         _write_mp4(trajectory, room, file)
-        return
+        return speed
     content = io.BytesIO()
     if kind == ".png":
         picture(trajectory, room).save(content, "PNG", optimize=True)
     else:
         _save_gif(trajectory, room, content)
     write_file(file, content.getvalue())
+    return speed
 
 
 def picture(trajectory: Trajectory, room: Room) -> Image.Image:
@@ -124,6 +134,18 @@ def frame_steps(steps: int, period: float, rate: float) -> tuple[list[int], floa
     # A longer episode runs faster instead of growing without end.
     every = max(every, math.ceil(steps / FRAMES_MAX))
     return [*range(0, steps, every), steps], interval
+
+
+def shown_speed(steps: int, period: float, rate: float) -> float:
+    """How many times as fast as the robot a film runs.
+
+    Args:
+        steps: Steps of the episode.
+        period: Control period, seconds.
+        rate: Most frames a second.
+    """
+    shown, interval = frame_steps(steps, period, rate)
+    return shown[1] * period / interval if len(shown) > 2 else SPEED_UP
 
 
 def _save_gif(trajectory: Trajectory, room: Room, content: io.BytesIO) -> None:

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from navrl.drawing.legend import Item, legend, line, ramp, ring
+
 if TYPE_CHECKING:
     from navrl.batch import Scenario
     from navrl.config import LidarConfig, SimConfig
@@ -31,7 +33,10 @@ FAINT_INK: Color = (124, 131, 143)
 PATH: Color = (37, 99, 235)
 PLANNED: Color = (217, 119, 6)
 ROBOT: Color = (29, 78, 216)
+GHOST, GHOST_EDGE = (214, 222, 241), (134, 158, 230)
+"""A robot that was there before, as it looks on the floor."""
 GOAL: Color = (5, 150, 105)
+GOAL_AREA: Color = (192, 225, 214)
 OUTCOME_COLORS: dict[str, Color] = {
     "running": FAINT_INK,
     "goal": GOAL,
@@ -54,8 +59,10 @@ NARROWEST = 0.6
 """Least ratio of the sides of what is shown: captions need their width."""
 WIDE_M = 25.0
 """Wider worlds are not shown as a whole, metres."""
-CAPTION_PX = 58
-"""Height of the caption below the room, pixels."""
+CAPTION_PX = 56
+"""Height of the caption's words below the room, pixels; the legend follows."""
+RAMP_PX = 80
+"""Width of the colours of rays in the legend, pixels."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +111,7 @@ class Room:
         supersample: int = 2,
         path: NDArray[np.float64] | None = None,
         planned: NDArray[np.float64] | None = None,
+        explained: Sequence[Item] = (),
     ) -> None:
         """Draws what does not move.
 
@@ -115,6 +123,7 @@ class Room:
             supersample: Factor of the canvas on which edges are smoothed, at least 1.
             path: (points, 2) where the robot will go, metres: it stays in the frame.
             planned: (points, 2) the path that leads it, metres, if there is one.
+            explained: What the legend explains besides the room's own marks.
         """
         self.sim = sim
         self._title = title
@@ -127,7 +136,8 @@ class Room:
         self._grid = 1.0 if max(x1 - x0, y1 - y0) <= 40 else 10.0
         # Even sides, which video needs.
         across, down = (2 * max(1, round((side * self._scale) / supersample / 2)) for side in (x1 - x0, y1 - y0))
-        self.width, self.height = across, down + CAPTION_PX
+        self._legend = legend([*self._items(), *explained], width=across)
+        self.width, self.height = across, down + CAPTION_PX + self._legend.height
         self._canvas = Image.new("RGB", (across * supersample, down * supersample), FLOOR)
         self._draw_static(x0, y0, x1, y1)
 
@@ -171,6 +181,20 @@ class Room:
         """Column and row of a point (m) in the pictures."""
         [(across, down)] = self._px([(x, y)])
         return int(across / self._supersample), int(down / self._supersample)
+
+    @property
+    def caption_height(self) -> int:
+        """Height (pixels) of words and legend below the room."""
+        return CAPTION_PX + self._legend.height
+
+    def _items(self) -> list[Item]:
+        near, far = DANGER_RANGES[0], DANGER_RANGES[-1]
+        colors = [(r, g, b) for r, g, b in danger_colors(np.linspace(near, far, RAMP_PX, dtype=np.float32)).tolist()]
+        items = [Item("start", ring(PATH)), Item("goal", ring(GOAL, GOAL_AREA)), Item("driven", line(PATH))]
+        if len(self._planned) > 1:
+            items.append(Item("planned", line(PLANNED)))
+        items.append(Item(f"rays: {near:g} to {far:g} m", ramp(colors), RAMP_PX))
+        return [*items, Item(f"grid {self._grid:g} m", line(GRID, 1.5))]
 
     def _px(self, points: Iterable[Sequence[float]]) -> list[tuple[float, float]]:
         x0, y1 = self._origin
@@ -267,7 +291,7 @@ class Room:
     def _draw_caption(self, picture: Image.Image, moment: Moment, seen: Moment) -> None:
         draw = ImageDraw.Draw(picture)
         large, small = _font(15), _font(12)
-        top = self.height - CAPTION_PX
+        top = self.height - self.caption_height
         draw.line((0, top, self.width, top), fill=GRID)
         words = OUTCOME_WORDS[moment.outcome]
         color = OUTCOME_COLORS[moment.outcome]
@@ -280,22 +304,11 @@ class Room:
         turn = round(moment.omega, 2) + 0.0
         facts = f"{time:.1f} s   step {moment.step}   {moment.v:.2f} m/s   {turn:+.2f} rad/s   {left:.1f} m to goal"
         if seen.step != moment.step:
-            facts += f"   lidar at {seen.step * self.sim.task.period:.1f} s"
+            facts += f"   rays as of {seen.step * self.sim.task.period:.1f} s"
         draw.text((14, top + 41), facts, font=small, fill=INK, anchor="lm")
         if draw.textlength(self._title, font=small) + draw.textlength(words, font=large) + 60 < self.width:
             draw.text((self.width - 14, top + 18), self._title, font=small, fill=FAINT_INK, anchor="rm")
-        legend = self.width - 14 - 240
-        if legend > 28 + draw.textlength(facts, font=small):
-            self._draw_legend(draw, legend, top + 41)
-
-    def _draw_legend(self, draw: ImageDraw.ImageDraw, x: float, y: float) -> None:
-        near, far = DANGER_RANGES[0], DANGER_RANGES[-1]
-        draw.text((x + 50, y), f"grid {self._grid:g} m", font=_font(11), fill=FAINT_INK, anchor="rm")
-        x += 70
-        draw.text((x + 40, y), f"{near:g} m", font=_font(11), fill=FAINT_INK, anchor="rm")
-        for i, color in enumerate(danger_colors(np.linspace(near, far, 90, dtype=np.float32)).tolist()):
-            draw.line((x + 46 + i, y - 4, x + 46 + i, y + 4), fill=tuple(color))
-        draw.text((x + 142, y), f"{far:g} m", font=_font(11), fill=FAINT_INK, anchor="lm")
+        picture.paste(self._legend, (0, top + CAPTION_PX))
 
 
 def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:

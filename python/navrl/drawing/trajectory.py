@@ -1,7 +1,7 @@
 """One episode step by step, as pictures and films show it: the very one that an evaluation of the same list runs there.
 
 robots = with_idle(scenario_list, index, sim)
-drive(driver(contender, sim), robots, sim) -> Trajectory
+drive(driver(pilot, sim), robots, sim) -> Trajectory
 """
 
 from __future__ import annotations

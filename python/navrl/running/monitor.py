@@ -11,26 +11,22 @@ result_lines(summary, folder) -> list of lines
 
 from __future__ import annotations
 
-import os
 import shlex
-import sys
 import time
 from collections import deque
 from math import isnan
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console, Group
-from rich.live import Live
+from rich.console import Group
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from navrl.display import Display
 from navrl.metrics import Scores
 from navrl.running.training_metrics import Progress, Rates
 
-LIVE_PERIOD_S = 0.25
-PLAIN_PERIOD_S = 5.0
 BAR_WIDTH = 56
 SPEED_WINDOW_S = 30.0
 """Speeds and the time left are taken from so much of the recent past."""
@@ -53,27 +49,21 @@ class Monitor:
             steps: Environment steps at which the run ends, 0 if not by steps.
             episodes: Episodes at which it ends, 0 if not by episodes.
         """
-        self._console = Console(stderr=True, highlight=False)
+        self._display = Display()
         self._steps, self._episodes = steps, episodes
-        live = self._console.is_terminal and not self._console.is_dumb_terminal
-        self._live = Live(console=self._console, auto_refresh=False, transient=True) if live else None
-        self._period = LIVE_PERIOD_S if live else PLAIN_PERIOD_S
-        self._next = 0.0
         # (seconds, fraction, progress) of the recent past
         self._past: deque[tuple[float, float, Progress]] = deque()
         self._validations = 0
         self._saturated_rows = 0
-        if self._live is not None:
-            self._live.start()
 
     def line(self, text: str, style: str = "") -> None:
         """Prints a line that stays."""
-        self._console.print(Text(text, style=style), soft_wrap=True)
+        self._display.line(text, style)
 
     @property
     def due(self) -> bool:
         """Whether it is time for `show`."""
-        return time.monotonic() >= self._next
+        return self._display.due
 
     def show(self, progress: Progress, rates: Rates, fraction: float) -> None:
         """Shows how far the run is.
@@ -84,18 +74,14 @@ class Monitor:
             fraction: Share of the run that is over, in [0, 1].
         """
         now = time.monotonic()
-        self._next = now + self._period
         self._past.append((now, fraction, progress))
         while now - self._past[0][0] > SPEED_WINDOW_S and len(self._past) > 2:
             self._past.popleft()
         ahead, counts, training = self._describe(progress, rates, fraction)
-        if self._live is None:
-            self._console.print(f"{ahead}  {counts}  {training}", soft_wrap=True)
-            return
         bar = Table.grid(padding=(0, 1))
         bar.add_row(ProgressBar(total=1.0, completed=fraction, width=BAR_WIDTH), ahead)
         lines = Text(f"{counts}\n{training}", style="dim", no_wrap=True, overflow="ellipsis")
-        self._live.update(Group(bar, lines), refresh=True)
+        self._display.show(f"{ahead}  {counts}  {training}", Group(bar, lines))
 
     def _describe(self, progress: Progress, rates: Rates, fraction: float) -> tuple[str, str, str]:
         """How far the run is, how fast it goes, and how the newest training episodes went."""
@@ -150,13 +136,11 @@ class Monitor:
 
     def leave(self) -> None:
         """Puts the terminal in order from within a signal's handler, where the process ends next."""
-        if self._live is not None:
-            os.write(sys.stderr.fileno(), b"\x1b[?25h\n")
+        self._display.leave()
 
     def close(self) -> None:
         """Ends the live display."""
-        if self._live is not None:
-            self._live.stop()
+        self._display.close()
 
 
 def _of(limit: int) -> str:
