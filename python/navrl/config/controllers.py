@@ -1,30 +1,21 @@
-"""Settings of the classical controllers: part of the configuration tree, with the ranges that `navrl tune` searches."""
+"""Settings of the classical controllers: part of the configuration tree, with the ranges that `navrl tune` searches.
 
-from dataclasses import dataclass as plain_dataclass
-from typing import Annotated, Literal, get_args, get_type_hints
+Not searched are: weights that are the unit of the others (`dwa.heading`, `gap.goal`, `mppi.goal`), numbers of samples, and
+the margin of those that avoid obstacles, which is there for what a scan cannot show."""
+
+from typing import Annotated, Literal, get_args
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from navrl.config.faults import STRICT, one_line
-
-
-@plain_dataclass(frozen=True)
-class Search:
-    """The part of a setting's range that `navrl tune` searches."""
-
-    low: float
-    """Smallest value tried."""
-    high: float
-    """Largest value tried."""
-    log: bool = False
-    """Whether values are drawn uniformly by their logarithm."""
+from navrl.config.searching import Search
 
 
 _Weight = Field(ge=0, le=1e6)
 _Gain = Field(ge=0, le=1000)
 _Distance = Field(ge=1e-3, le=1000)
-_Margin = Annotated[float, Field(ge=0, le=10), Search(0.01, 0.1)]
+_Margin = Annotated[float, Field(ge=0, le=10)]
 
 
 @one_line
@@ -40,19 +31,19 @@ class DwaConfig:
 
     heading: Annotated[float, _Weight] = 1.0
     """Weight of the share of a half turn by which the robot at the horizon looks to the goal."""
-    clearance: Annotated[float, _Weight, Search(0.1, 50, log=True)] = 31.7
+    clearance: Annotated[float, _Weight, Search(0.01, 1000, log=True)] = 31.7
     """Weight of the free way along the arc as a share of clearance_max."""
-    speed: Annotated[float, _Weight, Search(0.1, 50, log=True)] = 7.025
+    speed: Annotated[float, _Weight, Search(0.01, 1000, log=True)] = 7.025
     """Weight of the forward speed as a share of v_max."""
-    horizon: Annotated[float, Field(ge=1e-3, le=60), Search(0.2, 3)] = 2.98
+    horizon: Annotated[float, Field(ge=1e-3, le=60), Search(0.1, 20, log=True)] = 2.98
     """Time after which the heading is judged (s); at most half the way to the goal."""
-    clearance_max: Annotated[float, _Distance, Search(0.4, 4)] = 2.78
+    clearance_max: Annotated[float, _Distance, Search(0.1, 10, log=True)] = 2.78
     """A free way of this length (m), or to the goal, counts in full."""
-    margin: _Margin = 0.01041
-    """Added to the robot's radius (m)."""
-    reaction: Annotated[float, Field(ge=0, le=10), Search(0.1, 0.6)] = 0.4106
+    margin: _Margin = 0.02
+    """Added to the robot's radius (m): the end of a wall can hide between two beams."""
+    reaction: Annotated[float, Field(ge=0, le=10), Search(0.01, 3, log=True)] = 0.4106
     """Time (s) that a command acts before the robot can brake."""
-    interval: Annotated[float, Field(ge=1e-3, le=10), Search(0.1, 0.8)] = 0.4
+    interval: Annotated[float, Field(ge=1e-3, le=10), Search(0.02, 3, log=True)] = 0.4
     """Time (s) in which the speeds of the window can be reached; without acceleration limits all are at once."""
     v_samples: Annotated[int, Field(ge=2, le=1001)] = 11
     """Forward speeds that are tried, from the window's smallest to its largest."""
@@ -69,11 +60,11 @@ class ApfConfig:
     None of 80 more trials of 300 scenarios was better.
     """
 
-    repulsion: Annotated[float, _Weight, Search(0.001, 1, log=True)] = 0.002932
+    repulsion: Annotated[float, _Weight, Search(1e-5, 10, log=True)] = 0.002932
     """Weight of the repulsion (m^2 per radian of beams)."""
-    reach: Annotated[float, _Distance, Search(0.2, 2)] = 1.357
+    reach: Annotated[float, _Distance, Search(0.05, 10, log=True)] = 1.357
     """Clearance at which the repulsion begins (m)."""
-    turn_gain: Annotated[float, _Gain, Search(0.5, 10, log=True)] = 0.6484
+    turn_gain: Annotated[float, _Gain, Search(0.05, 50, log=True)] = 0.6484
     """Turning speed per angle to the force (1/s)."""
 
 
@@ -85,19 +76,19 @@ class GapConfig:
     Found by `navrl tune gap --world boxes --boxes 16 --trials 100`: trial 78, seed 0, 500 scenarios each.
     """
 
-    reach: Annotated[float, _Distance, Search(0.3, 3)] = 1.613
+    reach: Annotated[float, _Distance, Search(0.1, 10, log=True)] = 1.613
     """A direction is free if the robot can drive so far in it (m), or to the goal."""
-    margin: _Margin = 0.01044
+    margin: _Margin = 0.02
     """Added to the robot's radius (m)."""
     goal: Annotated[float, _Weight] = 1.0
     """Cost of a direction per angle to the goal (1/rad)."""
-    heading: Annotated[float, _Weight, Search(0.05, 5, log=True)] = 0.7139
+    heading: Annotated[float, _Weight, Search(0.005, 50, log=True)] = 0.7139
     """Cost of a direction per angle to the heading (1/rad)."""
-    border: Annotated[float, Field(ge=0, le=3.2), Search(0, 0.6)] = 0.2857
+    border: Annotated[float, Field(ge=0, le=3.2), Search(0, 1.6)] = 0.2857
     """How far from the border of a wide gap the robot aims (rad)."""
-    turn_gain: Annotated[float, _Gain, Search(0.5, 10, log=True)] = 3.455
+    turn_gain: Annotated[float, _Gain, Search(0.05, 50, log=True)] = 3.455
     """Turning speed per angle to the chosen direction (1/s)."""
-    slow_distance: Annotated[float, _Distance, Search(0.1, 2)] = 0.6331
+    slow_distance: Annotated[float, _Distance, Search(0.02, 10, log=True)] = 0.6331
     """Free way ahead (m) below which the robot slows."""
 
 
@@ -115,23 +106,23 @@ class MppiConfig:
     """Sampled sequences of commands."""
     steps: Annotated[int, Field(ge=1, le=1000)] = 56
     """Commands of a sequence."""
-    step: Annotated[float, Field(ge=1e-3, le=10), Search(0.05, 0.25)] = 0.2434
+    step: Annotated[float, Field(ge=1e-3, le=10), Search(0.01, 1, log=True)] = 0.2434
     """Time that a command of a sequence lasts (s)."""
-    temperature: Annotated[float, Field(ge=1e-6, le=1e6), Search(0.03, 3, log=True)] = 0.3729
+    temperature: Annotated[float, Field(ge=1e-6, le=1e6), Search(0.001, 100, log=True)] = 0.3729
     """Cost by which a sequence loses a factor e of weight."""
-    hold: Annotated[int, Field(ge=1, le=1000)] = 14
+    hold: Annotated[int, Field(ge=1, le=1000), Search(1, 100, log=True)] = 14
     """Steps that a draw of noise lasts: noise that changes with every step hardly turns the robot."""
-    v_noise: Annotated[float, Field(ge=0, le=100), Search(0.05, 0.5)] = 0.4877
+    v_noise: Annotated[float, Field(ge=0, le=100), Search(0.01, 5, log=True)] = 0.4877
     """Standard deviation of the forward speed's noise (m/s)."""
-    omega_noise: Annotated[float, Field(ge=0, le=100), Search(0.1, 1.5)] = 1.101
+    omega_noise: Annotated[float, Field(ge=0, le=100), Search(0.02, 10, log=True)] = 1.101
     """Standard deviation of the turning speed's noise (rad/s)."""
-    goal: Annotated[float, _Weight, Search(0.5, 20, log=True)] = 6.558
+    goal: Annotated[float, _Weight] = 6.558
     """Cost per metre to the goal and second."""
-    obstacle: Annotated[float, _Weight, Search(0.1, 50, log=True)] = 0.383
+    obstacle: Annotated[float, _Weight, Search(0.001, 1000, log=True)] = 0.383
     """Cost per second at an obstacle; it falls with the square of the clearance to 0 at inflation."""
-    inflation: Annotated[float, _Distance, Search(0.05, 1)] = 0.9775
+    inflation: Annotated[float, _Distance, Search(0.02, 10, log=True)] = 0.9775
     """Clearance (m) at which obstacles begin to cost."""
-    margin: _Margin = 0.01056
+    margin: _Margin = 0.02
     """Added to the robot's radius (m)."""
     collision: Annotated[float, _Weight] = 1000.0
     """Cost per second in contact."""
@@ -145,23 +136,23 @@ class PursuitConfig:
     Set by hand: without a planner's path there is nothing to tune it on.
     """
 
-    lookahead: Annotated[float, _Distance] = 0.35
+    lookahead: Annotated[float, _Distance, Search(0.12, 3, log=True)] = 0.35
     """Distance (m) of the point of the path that is pursued."""
-    turn_in_place: Annotated[float, Field(ge=0, le=3.2)] = 0.8
+    turn_in_place: Annotated[float, Field(ge=0, le=3.2), Search(0.05, 3.2, log=True)] = 0.8
     """A larger angle to that point is turned away in place (rad)."""
-    turn_gain: Annotated[float, _Gain] = 3.0
+    turn_gain: Annotated[float, _Gain, Search(0.2, 50, log=True)] = 3.0
     """Turning speed per angle while turning in place (1/s)."""
-    detour: Annotated[float, Field(ge=0, le=3.2)] = 1.0
+    detour: Annotated[float, Field(ge=0, le=3.2), Search(0, 3.2)] = 1.0
     """Angle (rad) up to which arcs beside one on which an obstacle stands are tried; 0: none, it only stops."""
-    radius_min: Annotated[float, Field(ge=0, le=1000)] = 0.6
+    radius_min: Annotated[float, Field(ge=0, le=1000), Search(0.005, 5, log=True)] = 0.6
     """Arcs of a smaller radius (m) are driven slower in proportion."""
-    approach: Annotated[float, Field(ge=0, le=1000)] = 0.3
+    approach: Annotated[float, Field(ge=0, le=1000), Search(0.005, 5, log=True)] = 0.3
     """Distance to the goal (m) below which the robot slows in proportion."""
-    v_min: Annotated[float, Field(ge=0, le=100)] = 0.05
+    v_min: Annotated[float, Field(ge=0, le=100), Search(0.002, 1, log=True)] = 0.05
     """Slowest forward speed (m/s) while it slows."""
-    stop_time: Annotated[float, Field(ge=0, le=60)] = 0.2
+    stop_time: Annotated[float, Field(ge=0, le=60), Search(0.002, 5, log=True)] = 0.2
     """The robot slows so that it could still stop on the free way along its arc, a period and this time (s) later."""
-    margin: Annotated[float, Field(ge=0, le=10)] = 0.02
+    margin: Annotated[float, Field(ge=0, le=10), Search(0.001, 0.3, log=True)] = 0.02
     """Added to the robot's radius (m); half of the clearance where that is less."""
 
 
@@ -177,16 +168,6 @@ class ControllersConfig:
     pursuit: PursuitConfig = PursuitConfig()
 
 
-Tunable = Literal["dwa", "apf", "gap", "mppi"]
+Tunable = Literal["dwa", "apf", "gap", "mppi", "pursuit"]
 TUNABLE: tuple[Tunable, ...] = get_args(Tunable)
-"""Controllers that have settings to search."""
-
-
-def searched(name: Tunable) -> dict[str, Search]:
-    """What `navrl tune` varies of a controller, by key."""
-    hints = get_type_hints(get_type_hints(ControllersConfig)[name], include_extras=True)
-    parts = {
-        key: [part for part in getattr(hint, "__metadata__", ()) if isinstance(part, Search)]
-        for key, hint in hints.items()
-    }
-    return {key: found[0] for key, found in parts.items() if found}
+"""Controllers that have settings to search; `pursuit` only behind a planner."""

@@ -1,0 +1,24 @@
+"""Which part of a setting's range `navrl tune` searches: declared beside the setting."""
+
+from dataclasses import dataclass
+from typing import get_type_hints
+
+
+@dataclass(frozen=True)
+class Search:
+    """The part of a setting's range that `navrl tune` searches."""
+
+    low: float
+    """Smallest value tried."""
+    high: float
+    """Largest value tried."""
+    log: bool = False
+    """Whether values are drawn uniformly by their logarithm."""
+
+
+def searched(table: type) -> dict[str, Search]:
+    """What `navrl tune` varies of a table of settings, by key."""
+    hints = get_type_hints(table, include_extras=True)
+    return {
+        key: part for key, hint in hints.items() for part in getattr(hint, "__metadata__", ()) if isinstance(part, Search)
+    }
