@@ -172,7 +172,10 @@ def _space(contender: Contender, config: Config) -> Space:
     for table in tables:
         for key, search in searched(type(getattr(config, table))).items():
             # `pursuit` has a look-ahead distance of its own.
-            if (table, key, contender.pilot) == ("planner", "lookahead", "pursuit"):
+            own = (table, key, contender.pilot) == ("planner", "lookahead", "pursuit")
+            # Without limits every speed is reached at once, and this setting does nothing.
+            idle = (table, key) == ("dwa", "interval") and not config.robot.acceleration_max
+            if own or idle:
                 continue
             value = getattr(getattr(config, table), key)
             if search.log and value <= 0:
