@@ -49,6 +49,8 @@ struct Step {
     contact: f32,
     /// Largest change of v and omega in a step.
     change: [f32; 2],
+    /// 1 / `change`: 0 where nothing limits it.
+    inverse: [f32; 2],
 }
 
 /// States of `LANES` samples.
@@ -60,6 +62,9 @@ struct Lane {
     turn: [f32; LANES],
     v: [f32; LANES],
     omega: [f32; LANES],
+    /// Means of v and omega over the step.
+    v_mean: [f32; LANES],
+    omega_mean: [f32; LANES],
     /// 1 until the sample touches something, then 0: it drives no farther.
     free: [f32; LANES],
     cost: [f32; LANES],
@@ -101,6 +106,7 @@ impl Mppi {
         let MppiConfig { step, goal, obstacle, inflation, margin, collision, .. } = self.config;
         let time = step as f32;
         let change = |acceleration: f32| if acceleration > 0.0 { acceleration * time } else { f32::INFINITY };
+        let change = [change(limits.acceleration), change(limits.angular_acceleration)];
         let radius = limits.radius + margin as f32;
         Step {
             time,
@@ -111,7 +117,8 @@ impl Mppi {
             inflation: inflation as f32,
             radius,
             contact: (self.map.at(&[0.0], &[0.0])[0] - radius - TOLERANCE).min(0.0),
-            change: [change(limits.acceleration), change(limits.angular_acceleration)],
+            change,
+            inverse: change.map(|change| 1.0 / change),
         }
     }
 
@@ -205,9 +212,11 @@ impl Thought<'_> {
                 command[0][i] = v + sigma[0] * scale * noise_v[i];
                 command[1][i] = omega + sigma[1] * scale * noise_omega[i];
                 let (v, omega) = (command[0][i], command[1][i]);
-                lane.v[i] = between(near(v, lane.v[i], step.change[0]), 0.0, limits.v_max);
+                let v = between(near(v, lane.v[i], step.change[0]), 0.0, limits.v_max);
                 let omega = near(omega, lane.omega[i], step.change[1]);
-                lane.omega[i] = between(omega, -limits.omega_max, limits.omega_max);
+                let omega = between(omega, -limits.omega_max, limits.omega_max);
+                (lane.v_mean[i], lane.v[i]) = (mean_speed(lane.v[i], v, step.inverse[0]), v);
+                (lane.omega_mean[i], lane.omega[i]) = (mean_speed(lane.omega[i], omega, step.inverse[1]), omega);
             }
             lane.advance(&step);
             lane.charge(&step, self.map);
@@ -221,16 +230,16 @@ impl Lane {
     fn at_rest([v, omega]: [f32; 2]) -> Self {
         let zero = [0.0; LANES];
         let (v, omega, free) = ([v; LANES], [omega; LANES], [1.0; LANES]);
-        Self { x: zero, y: zero, turn: zero, v, omega, free, cost: zero }
+        Self { x: zero, y: zero, turn: zero, v, omega, v_mean: v, omega_mean: omega, free, cost: zero }
     }
 
     /// Drives for one step along the heading in its middle.
     #[inline(always)]
     fn advance(&mut self, step: &Step) {
         for i in 0..LANES {
-            let turned = self.omega[i] * step.time * (0.5 / PI);
+            let turned = self.omega_mean[i] * step.time * (0.5 / PI);
             let middle = part_of_turn(self.turn[i] + 0.5 * turned);
-            let way = self.free[i] * self.v[i] * step.time;
+            let way = self.free[i] * self.v_mean[i] * step.time;
             self.x[i] += way * sin_turn(part_of_turn(middle + 0.25));
             self.y[i] += way * sin_turn(middle);
             self.turn[i] = part_of_turn(self.turn[i] + turned);
@@ -263,6 +272,14 @@ fn between(value: f32, low: f32, high: f32) -> f32 {
 #[inline(always)]
 fn near(value: f32, now: f32, change: f32) -> f32 {
     between(value, now - change, now + change)
+}
+
+/// Mean over a step in which a speed goes from `before` to `after` as fast as the limit allows, and stays: the change d
+/// takes |d| / limit of the step, during which half of it is missing.
+#[inline(always)]
+fn mean_speed(before: f32, after: f32, inverse_limit: f32) -> f32 {
+    let change = after - before;
+    after - 0.5 * change * change.abs() * inverse_limit
 }
 
 /// A number of turns less its nearest whole number, in [-1/2, 1/2].
@@ -311,6 +328,15 @@ mod tests {
         assert_eq!(moved[..2], [[0.5, -0.5], [1.5, -1.5]]);
         assert_eq!(mean_of_first(&plan, 2.0), [0.5, -0.5]);
         assert_eq!(mean_of_first(&plan, 1.5), [0.5 / 1.5, -0.5 / 1.5]);
+    }
+
+    /// From 0.5 m/s by 0.2 m/s a step: to 0.3 m/s the mean is 0.4; to 0.4 m/s half of the step is driven at 0.4, half at
+    /// 0.45 in the mean; without a limit all of it as fast as it ends.
+    #[test]
+    fn speeds_change_as_fast_as_they_may() {
+        for (after, inverse, mean) in [(0.3, 5.0, 0.4), (0.4, 5.0, 0.425), (0.5, 5.0, 0.5), (0.1, 0.0, 0.1)] {
+            assert!((mean_speed(0.5, after, inverse) - mean).abs() < 1e-6, "{after}");
+        }
     }
 
     #[test]
