@@ -1,7 +1,8 @@
 """Settings of the classical controllers: part of the configuration tree, with the ranges that `navrl tune` searches.
 
-Not searched are: weights that are the unit of the others (`dwa.heading`, `gap.goal`, `mppi.goal`), numbers of samples, and
-the margin of those that avoid obstacles, which is there for what a scan cannot show."""
+Not searched are: weights that are the unit of the others (`dwa.heading`, `gap.goal`, `mppi.goal`), numbers of samples,
+and the margin of those that avoid obstacles, which is there for what a scan cannot show.
+"""
 
 from typing import Annotated, Literal, get_args
 
@@ -10,7 +11,6 @@ from pydantic.dataclasses import dataclass
 
 from navrl.config.faults import STRICT, one_line
 from navrl.config.searching import Search
-
 
 _Weight = Field(ge=0, le=1e6)
 _Gain = Field(ge=0, le=1000)

@@ -19,6 +19,5 @@ class Search:
 def searched(table: type) -> dict[str, Search]:
     """What `navrl tune` varies of a table of settings, by key."""
     hints = get_type_hints(table, include_extras=True)
-    return {
-        key: part for key, hint in hints.items() for part in getattr(hint, "__metadata__", ()) if isinstance(part, Search)
-    }
+    parts = {key: getattr(hint, "__metadata__", ()) for key, hint in hints.items()}
+    return {key: part for key, extras in parts.items() for part in extras if isinstance(part, Search)}

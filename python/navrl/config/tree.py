@@ -36,9 +36,7 @@ def _tuple(value: Any) -> Any:  # noqa: ANN401 - any value may stand in a file
 
 
 _WORLDS = ", ".join(f'"{name}"' for name in WORLDS)
-_World = Annotated[
-    str, BeforeValidator(_world), Field(description=f"{_WORLDS} or the path of an existing .json file")
-]
+_World = Annotated[str, BeforeValidator(_world), Field(description=f"{_WORLDS} or the path of an existing .json file")]
 _List = BeforeValidator(_tuple)
 _Sizes = Annotated[tuple[Annotated[int, Field(ge=1, le=8192)], ...], Field(min_length=2, max_length=8), _List]
 _Coordinate = Annotated[float, Field(ge=-10, le=10)]

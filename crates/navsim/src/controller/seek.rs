@@ -2,14 +2,18 @@
 //! the goal is, and nothing tells it that it has arrived. It then drives around that place in a widening spiral until
 //! its goal circle touches the true one.
 
-use crate::pose::{distance, wrap_angle};
+use crate::pose::distance;
+use std::f64::consts::TAU;
 
 /// Nearer than this share of the goal's radius (m / m) the goal would have been reached, were it there.
 const NEAR: f64 = 1.0 / 3.0;
 /// Time (s) so near, in all, after which the robot knows that the goal is elsewhere.
 const DOUBT: f64 = 0.5;
-/// Angle (rad) about the believed goal by which the point that is pursued lies ahead.
-const AHEAD: f64 = 1.0;
+/// Angle (rad) about the believed goal by which the point that is pursued lies ahead, on the tangent.
+const AHEAD: f64 = 0.8;
+/// By how many radii of the goal the spiral widens in a turn: less than the two that would leave nothing out if robots
+/// followed it exactly.
+const PITCH: f64 = 1.2;
 /// Time (s) without driving after which the spiral is followed the other way round: something stands in the way.
 const PATIENCE: f64 = 2.0;
 /// Slower than this share of v_max is not driving.
@@ -52,18 +56,19 @@ impl Seek {
             self.near += if away < NEAR * by.radius { by.period } else { 0.0 };
             return goal;
         }
-        // Turn by turn the circle that the goal's radius covers lies beside that of the turn before.
-        let spiral = by.radius * (1.0 + self.swept / std::f64::consts::PI);
-        self.swept += v.max(0.0) * by.period / spiral;
+        // The first turn is as tight as the robot can drive.
+        let spiral = by.radius * (1.0 + PITCH * (self.swept / TAU - 1.0).max(0.0));
+        self.swept += v.max(0.0) * by.period / spiral.max(away);
         self.standing = if v < DRIVING * by.v_max { self.standing + by.period } else { 0.0 };
         if self.standing > PATIENCE {
             (self.standing, self.clockwise) = (0.0, !self.clockwise);
         }
         let ahead = if self.clockwise { -AHEAD } else { AHEAD };
         // From the goal, the robot lies in the opposite direction.
-        let direction = wrap_angle(libm::atan2(-goal[1], -goal[0]) + ahead);
+        let direction = libm::atan2(-goal[1], -goal[0]) + ahead;
         let (sin, cos) = libm::sincos(direction);
-        [goal[0] + spiral * cos, goal[1] + spiral * sin]
+        let reach = spiral / libm::cos(AHEAD);
+        [goal[0] + reach * cos, goal[1] + reach * sin]
     }
 }
 
@@ -110,8 +115,8 @@ mod tests {
             assert_eq!(seek.target([0.05, 0.0], 0.5, &BY), [0.05, 0.0]);
         }
         let [x, y] = seek.target([0.05, 0.0], 0.5, &BY);
-        // The robot lies behind the goal as that sees it: 1 rad on from there, 0.3 m away.
-        assert!((x - (0.05 - 0.3 * 1f64.cos())).abs() < 1e-9 && (y + 0.3 * 1f64.sin()).abs() < 1e-9, "{x} {y}");
+        // The robot lies behind the goal as that sees it: 0.8 rad on from there, where the tangent of 0.3 m ends.
+        assert!((x - (0.05 - 0.3)).abs() < 1e-9 && (y + 0.3 * 0.8f64.tan()).abs() < 1e-9, "{x} {y}");
         // Another goal is no matter of the last one.
         assert_eq!(seek.target([4.0, 1.0], 0.5, &BY), [4.0, 1.0]);
         assert_eq!(seek.target([3.95, 1.0], 0.5, &BY), [3.95, 1.0]);
