@@ -286,7 +286,7 @@ def test_pursuit_steps_aside_for_what_stands_on_its_path() -> None:
     )
     path = np.stack([np.linspace(0, 6, 61), np.zeros(61)], axis=1)
     outcomes = []
-    for detour in (0.0, 1.2):
+    for detour in (0.0, 2.0):
         settings = ControllersConfig(pursuit=PursuitConfig(detour=detour))
         guide = Lookahead([Plan("found", path, 6.0, 0.0, 0, 0.0)], path[-1:], distance=settings.pursuit.lookahead)
         drive = driver(Controller("pursuit", QUIET, settings), QUIET, towards=along(guide))
@@ -301,7 +301,7 @@ def test_pursuit_steps_aside_for_what_stands_on_its_path() -> None:
         Controller("pursuit", QUIET, ControllersConfig(pursuit=PursuitConfig(detour=detour))).command(
             ranges[free], near[free], velocities[free]
         )
-        for detour in (1.2, 0.0)
+        for detour in (2.0, 0.0)
     )
     assert free.sum() > 5
     assert np.array_equal(aside, stubborn)

@@ -2,7 +2,7 @@
 //! Coulter, 1992): the arc to a point ahead on the path, slower on tight arcs, near the goal and towards obstacles.
 //! Where an obstacle stands on the arc it takes the nearest arc beside it, and stops if there is none.
 
-use super::scene::Arcs;
+use super::scene::{Arcs, wrap};
 use super::settings::PursuitConfig;
 use super::{Limits, Sight};
 
@@ -23,33 +23,32 @@ impl Pursuit {
         Self { config: config.clone(), arcs: Arcs::default(), is_within: false }
     }
 
-    /// Towards the goal of `sight`, which is a point ahead on a path, or its end.
+    /// Towards the goal of `sight`, which is a point ahead on a path, or its end: to it, or else to the nearest direction
+    /// beside it that is free as far, on an arc or, where that is not or too tight, after a turn on the spot.
     pub fn command(&mut self, limits: &Limits, sight: &Sight) -> [f32; 2] {
         self.look(limits, sight);
-        let angle = sight.goal_angle;
-        // A robot that is to look elsewhere first turns, whatever is there.
-        if angle.abs() > self.config.turn_in_place as f32 {
-            return self.turn(angle);
-        }
-        let distance = sight.goal_distance.max(1e-3);
-        let (direct, way) = self.arc(limits, distance, angle);
-        if way >= distance {
-            return direct;
-        }
+        let (angle, distance) = (sight.goal_angle, sight.goal_distance.max(1e-3));
         let tried = (self.config.detour as f32 / DETOUR_STEP) as i32;
-        let beside = (1..=tried).flat_map(|k| [k, -k]).map(|k| angle + k as f32 * DETOUR_STEP);
-        for aside in beside.clone().filter(|aside| aside.abs() <= self.config.turn_in_place as f32) {
-            let (command, way) = self.arc(limits, distance, aside);
-            if way >= distance {
-                return command;
+        let sides = (1..=tried).flat_map(|k| [k, -k]);
+        for direction in std::iter::once(0).chain(sides).map(|k| angle + k as f32 * DETOUR_STEP) {
+            if !self.is_sharp(direction) {
+                let (command, way) = self.arc(limits, distance, direction);
+                if way >= distance {
+                    return command;
+                }
+            }
+            // What it does not see may be full: it would turn there, see, and turn back.
+            let is_seen = wrap(direction - sight.middle).abs() <= sight.half_fov;
+            if tried > 0 && is_seen && self.arcs.free_way_after_turn(direction) >= distance {
+                return self.turn(direction);
             }
         }
-        for aside in beside {
-            if self.arcs.free_way_after_turn(aside) >= distance {
-                return self.turn(aside);
-            }
-        }
-        direct
+        if self.is_sharp(angle) { self.turn(angle) } else { self.arc(limits, distance, angle).0 }
+    }
+
+    /// Whether an angle is turned away on the spot.
+    fn is_sharp(&self, angle: f32) -> bool {
+        angle.abs() > self.config.turn_in_place as f32
     }
 
     /// On the spot to an angle.
