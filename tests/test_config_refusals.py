@@ -169,8 +169,6 @@ COMBINATIONS = {
     "[world]\ngoal_range_max = 9": "world.goal_range_max = 9.0: must be at least goal_range_start = 10.0",
     "[world]\ngoal_range_start = 0.7": "world.goal_range_start = 0.7: must be above 0.7071: in this world",
     '[world]\nname = "boxes"\ngoal_range_start = 1.4': "world.goal_range_start = 1.4: must be above 1.4142",
-    "[planner]\nlookahead = 0.09": "planner.lookahead = 0.09: must be at least 0.1, a third of task.goal_radius",
-    "[task]\ngoal_radius = 1.2": "pursuit.lookahead = 0.35: must be at least 0.4, a third of task.goal_radius",
     "[task]\ntime_limit = 0.04": "task.time_limit = 0.04: must be 1 to 1000000 periods of 0.1 s",
     "[task]\nperiod = 0.001\ntime_limit = 1001": "task.time_limit = 1001.0: must be 1 to 1000000 periods",
     '[task]\ncollision = "sensor"\nsensor_range = 10': "task.sensor_range = 10.0: must be between lidar.range_min",

@@ -128,6 +128,13 @@ def test_how_far_ahead_a_path_leads_is_a_setting(name: str, expected: float, mon
     assert seen == pytest.approx([expected])
 
 
+def test_paths_are_not_followed_by_points_that_count_as_reached() -> None:
+    for name, key in (("straight+astar", "planner.lookahead"), ("pursuit+astar", "pursuit.lookahead")):
+        controllers, planner = ControllersConfig(pursuit=PursuitConfig(lookahead=0.09)), PlannerConfig(lookahead=0.09)
+        with pytest.raises(UserError, match=rf"^{key} = 0\.09: must be at least 0\.1, a third of task\.goal_radius$"):
+            enter(name).driver([], [], SIM, controllers, planner)
+
+
 def test_policies_are_led_by_the_goal_in_their_observation() -> None:
     given = given_list([scenario(goal=(4.0, 0.0), boxes=[(2.0, 0.5, 0.0, 0.2, 3.0)])], SIM)
     simulator = BatchSim(SIM, num_envs=1, autoreset=False, scenarios=given.scenarios)

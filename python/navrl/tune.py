@@ -192,11 +192,11 @@ def _drive(
     """Drives the list with the settings of a trial; nothing if they exclude each other."""
     try:
         tried = _with(config, trial.params)
+        plans = list(contender.plans(scenarios.scenarios, config.sim, tried.planner))
+        drive = contender.driver(scenarios.scenarios, plans, config.sim, tried.controllers, tried.planner)
     except UserError as error:
         trial.set_user_attr("refused", str(error))
         return None
-    plans = list(contender.plans(scenarios.scenarios, config.sim, tried.planner))
-    drive = contender.driver(scenarios.scenarios, plans, config.sim, tried.controllers, tried.planner)
     return measure(drive, scenarios, config.sim, num_threads=num_threads)
 
 

@@ -119,11 +119,19 @@ class Contender:
 
         Returns:
             The driver.
+
+        Raises:
+            UserError: A look-ahead distance of less than a third of the goal's radius.
         """
         pilot = Controller(self.pilot, sim, controllers) if isinstance(self.pilot, str) else self.pilot
         towards = None
         if self.planner is not None:
             distance = (controllers.pursuit if self.pilot == "pursuit" else planner).lookahead
+            # A controller that has been so near to its goal in vain looks for it elsewhere.
+            least = sim.task.goal_radius / 3
+            if distance < least:
+                key = "pursuit.lookahead" if self.pilot == "pursuit" else "planner.lookahead"
+                raise UserError(f"{key} = {distance}: must be at least {least:.4g}, a third of task.goal_radius")
             goals = np.array([scenario.goal for scenario in scenarios])
             towards = along(Lookahead(plans, goals, distance=distance))
         drive = driver(pilot, sim, towards=towards)

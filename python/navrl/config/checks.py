@@ -63,19 +63,10 @@ def check_config(config: "Config") -> None:
     _check_length(config)
     _check_exploration(config)
     _check_replay(config)
-    _check_lookahead(config)
     one_thread = config.threads.learn == 1 or config.learner.kernel != "native"
     _require(config, "threads.learn", one_thread, '1 with kernel = "native"', "learner.kernel")
     if config.learner.mirror:
         _check_mirror(config)
-
-
-def _check_lookahead(config: "Config") -> None:
-    # A controller that has been so near to its goal takes it for reached, and looks for it elsewhere.
-    least = config.task.goal_radius / 3
-    for key, table in (("planner.lookahead", config.planner), ("pursuit.lookahead", config.pursuit)):
-        expected = f"at least {least:.4g}, a third of task.goal_radius"
-        _require(config, key, table.lookahead >= least, expected, "task.goal_radius")
 
 
 def _check_length(config: "Config") -> None:

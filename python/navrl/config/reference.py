@@ -46,7 +46,6 @@ These are refused too:
 - `lidar.range_min` at or above `range_max`; more `lidar.bins` than `beams`;
 - a `task.time_limit` of less than half a period or more than 1,000,000 periods;
 - `task.sensor_range` outside the lidar's ranges, with the collision rule "sensor";
-- `planner.lookahead` or `pursuit.lookahead` below a third of `task.goal_radius`;
 - `training.steps` and `training.episodes` both 0; `update_schedule = "per_episode"` with more than one robot;
 - `exploration.sigma_min` above `sigma_max` ("spread"), `sigma_end` above `sigma_start` ("linear"); with forced actions,
   `forced_steps_min` above `forced_steps_max`, or a `forced_range` that the lidar cannot measure;
