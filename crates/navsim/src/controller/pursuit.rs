@@ -68,7 +68,8 @@ impl Pursuit {
         let turning = if curvature == 0.0 { f32::INFINITY } else { limits.omega_max / curvature.abs() };
         let v = slowed.min(turning);
         let way = self.arcs.free_way(curvature);
-        let way = if self.is_within && way <= limits.stopping_way(limits.v_max, self.reaction(limits)) { 0.0 } else { way };
+        let way =
+            if self.is_within && way <= limits.stopping_way(limits.v_max, self.reaction(limits)) { 0.0 } else { way };
         // What lies beyond the goal does not matter.
         let v = if way < distance { v.min(limits.stopping_speed(way, self.reaction(limits))) } else { v };
         ([v, v * curvature], way)
