@@ -249,9 +249,8 @@ impl Lane {
     /// Adds what it costs to be there.
     #[inline(always)]
     fn charge(&mut self, step: &Step, map: &ClearanceMap) {
-        let distance_to_points = map.at(&self.x, &self.y);
-        for i in 0..LANES {
-            let clearance = distance_to_points[i] - step.radius;
+        for (i, away) in map.at(&self.x, &self.y).into_iter().enumerate() {
+            let clearance = away - step.radius;
             let (dx, dy) = (step.goal[0] - self.x[i], step.goal[1] - self.y[i]);
             let distance = (dx * dx + dy * dy).sqrt();
             let near = 1.0 - clearance / step.inflation;
