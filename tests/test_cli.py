@@ -93,7 +93,7 @@ REFUSALS = {
     "train --seed -1": "--seed: training.seed = -1: must be a whole number",
     "train --seeds 1,x": '--seeds: training.seed = "x": must be a whole number',
     "train --seeds 1,2,1": "--seeds 1,2,1: a seed stands there twice",
-    "train --world td4": '--world: world.name = "td4": must be "td3", "boxes", "open8", "walls", "mixed" or the path of an',
+    "train --world td4": '--world: world.name = "td4": must be "td3", "boxes", "open8", "walls", "mixed" or',
     "train --world nowhere.json": "nowhere.json",
     "train --preset papr": '--preset: "papr": must be one of fast, paper',
     "train --robot burger": '--robot: "burger": must be one of turtlebot3_burger, turtlebot3_waffle',

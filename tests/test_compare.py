@@ -4,25 +4,23 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
-from threading import Thread
+from threading import Thread, get_ident
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from PIL import Image
 
-from contending import SIM, policy_folder, scenario
+from contending import SIM, policy_folder
 from navrl.cli import main
-from navrl.compare import compare, enter
-from navrl.comparing import plots
+from navrl.compare import compare
+from navrl.comparing import contenders
 from navrl.config import ControllersConfig, LidarConfig, PlannerConfig, RobotConfig
 from navrl.config.files import load_config
 from navrl.config.levels import LEVELS, at_level
 from navrl.controllers import Controller
 from navrl.errors import UserError
 from navrl.evaluate import evaluate
-from navrl.planners import plan_all
+from navrl.planners import Plan, plan_all
 from navrl.policy import load_policy
 from navrl.scenarios import ScenarioList, given_list
 
@@ -46,7 +44,7 @@ def test_eval_and_compare_give_a_policy_the_same_numbers(tmp_path: Path, capsys:
     lines = [json.loads(line) for line in (tmp_path / "out/episodes.jsonl").read_text().splitlines()]
     own = [line for line in lines if line.pop("contender") == str(folder) and line.pop("level") == "ideal"]
     assert own == evaluated["episodes"]
-    assert "2 contenders on boxes, list test, level ideal: 15 scenarios" in capsys.readouterr().out
+    assert "2 contenders on boxes (4), list test, level ideal: 15 scenarios" in capsys.readouterr().out
 
 
 def test_a_comparison_by_hand(drawn: ScenarioList, tmp_path: Path) -> None:
@@ -73,6 +71,25 @@ def test_a_comparison_by_hand(drawn: ScenarioList, tmp_path: Path) -> None:
     assert entry["plan_ratio"] == pytest.approx(np.mean(lengths / drawn.shortest))
     assert entry["plans_found"] == 12
     assert 0 < entry["decision_p50_ms"] <= entry["decision_p99_ms"]
+
+
+def test_plans_are_made_and_timed_one_after_the_other(
+    drawn: ScenarioList, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, real = [], contenders.plan
+
+    def recorded(*arguments: Any, **keywords: Any) -> Plan:  # noqa: ANN401 - as plan
+        plan = real(*arguments, **keywords)
+        made.append((get_ident(), plan.time))
+        return plan
+
+    monkeypatch.setattr(contenders, "plan", recorded)
+    comparison = compare(["gap+astar"], drawn, SIM, tmp_path / "out", num_threads=2)
+    assert {thread for thread, _ in made} == {get_ident()}
+    scores = comparison.records[0].scores
+    times = [1e3 * time for _, time in made[:12]]
+    for key, percentile in (("planning_p50_ms", 50), ("planning_p99_ms", 99)):
+        assert scores[key] == pytest.approx(np.percentile(times, percentile))
 
 
 TIMES = ("decision_p50_ms", "decision_p99_ms", "planning_p50_ms", "planning_p99_ms")
@@ -109,25 +126,53 @@ def test_a_comparison_repeats_bit_by_bit_and_continues(tmp_path: Path, capsys: p
     assert untimed(tmp_path / "parts")["contenders"][0]["spl"] == 0.125
 
 
+def test_contenders_of_earlier_calls_stay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def run(out: str, *names: str) -> dict[str, Any]:
+        assert main(["compare", *names, "--episodes", "6", "--out", str(tmp_path / out)]) == 0
+        return untimed(tmp_path / out)
+
+    run("grown", "straight", "gap")
+    capsys.readouterr()
+    grown = run("grown", "apf")
+    shown = capsys.readouterr()
+    assert "grown holds gap, straight, too: they stay in the report\n" in shown.err
+    assert "3 contenders on td3" in shown.out
+    assert grown["earlier"] == ["gap", "straight"]
+    assert "by commands with the same settings: `gap`, `straight`." in (tmp_path / "grown/report.md").read_text()
+    whole = run("whole", "apf", "gap", "straight")
+    assert whole.pop("earlier") == []
+    del grown["earlier"]
+    assert grown == whole
+    assert (tmp_path / "grown/episodes.jsonl").read_bytes() == (tmp_path / "whole/episodes.jsonl").read_bytes()
+
+
 def test_other_settings_are_refused(drawn: ScenarioList, tmp_path: Path) -> None:
     out = tmp_path / "out"
     compare(["straight"], drawn.first(3), SIM, out)
-    noisy = replace(SIM, lidar=replace(SIM.lidar, noise=0.5))
+    small = replace(SIM, robot=replace(SIM.robot, radius=0.2))
+    given = given_list([*drawn.scenarios[:2], drawn.scenarios[4]], SIM)
     others: list[tuple[dict[str, Any], str]] = [
-        ({"level": "real"}, 'level: "ideal", not "real"'),
-        ({"scenarios": drawn.first(4)}, "list_sha256: "),
-        ({"sim": noisy}, r"lidar\.noise: 0\.008, not 0\.5"),
+        # What follows from the level is not told besides.
+        ({"level": "real"}, "level ideal, not real;"),
+        ({"scenarios": drawn.first(4)}, "number of scenarios 3, not 4;"),
+        ({"scenarios": given, "level": "real"}, "level ideal, not real; list test, not given;"),
+        ({"scenarios": replace(given, name="test")}, "other scenarios by the name of test: the file of the scenarios "),
+        ({"sim": replace(SIM, lidar=replace(SIM.lidar, noise=0.5))}, r"lidar\.noise 0\.008, not 0\.5;"),
         (
             {"controllers": replace(ControllersConfig(), gap=replace(ControllersConfig().gap, margin=0.2))},
-            r"gap\.margin: 0\.01044, not 0\.2",
+            rf"gap\.margin {ControllersConfig().gap.margin}, not 0\.2;",
         ),
-        ({"planner": PlannerConfig(margin=0.3)}, r"planner\.margin: 0\.1, not 0\.3"),
+        (
+            {"planner": PlannerConfig(margin=0.3), "sim": small},
+            rf"robot\.radius 0\.25, not 0\.2; planner\.margin {PlannerConfig().margin}, ",
+        ),
     ]
     for changes, message in others:
         arguments = {"names": ["gap"], "scenarios": drawn.first(3), "sim": SIM, "folder": out} | changes
-        with pytest.raises(UserError, match=f"out: holds a comparison with another {message}") as refusal:
+        with pytest.raises(UserError, match=f"out: holds a comparison with {message}") as refusal:
             compare(**arguments)
         assert "\n" not in str(refusal.value)
+        assert str(refusal.value).endswith("; choose another folder, or the same settings")
     with pytest.raises(UserError, match="gap: named twice"):
         compare(["gap", "straight", "gap"], drawn, SIM, out)
     (tmp_path / "other").mkdir()
@@ -157,8 +202,15 @@ def test_another_policy_of_the_same_name_is_refused(drawn: ScenarioList, tmp_pat
     folder = policy_folder(tmp_path / "policy")
     compare([str(folder)], drawn.first(2), SIM, tmp_path / "out")
     policy_folder(folder, seed=1)
-    with pytest.raises(UserError, match=r"holds results of another policy .*policy; choose another folder"):
-        compare([str(folder)], drawn.first(2), SIM, tmp_path / "out")
+    with pytest.raises(
+        UserError, match=r"policy: the policy has changed since .*out; choose another folder, or"
+    ) as refusal:
+        compare(["straight", str(folder)], drawn.first(2), SIM, tmp_path / "out")
+    # That is seen before anything is driven, and the file that it names is the one to remove.
+    [kept] = (tmp_path / "out/contenders").glob("*.json")
+    assert f"remove {kept} to" in str(refusal.value)
+    kept.unlink()
+    compare(["straight", str(folder)], drawn.first(2), SIM, tmp_path / "out")
 
 
 def test_a_policy_for_another_robot_is_refused_but_for_what_the_level_sets(drawn: ScenarioList, tmp_path: Path) -> None:
@@ -172,56 +224,7 @@ def test_a_policy_for_another_robot_is_refused_but_for_what_the_level_sets(drawn
         compare([other], drawn.first(2), SIM, tmp_path / "out", level="real")
 
 
-# Contenders of one's own
-
-
-def straight(
-    ranges: NDArray[np.float32], goal: NDArray[np.float64], velocity: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """As the built-in one."""
-    return np.stack([np.where(np.abs(goal[:, 1]) < 0.3, 0.5, 0.0), np.clip(2 * goal[:, 1], -1, 1)], axis=1)
-
-
-class Remembering:
-    """The same, as an object that is told which robot it drives."""
-
-    def reset(self) -> None:
-        self.robots: set[int] = set()
-
-    def command(
-        self,
-        ranges: NDArray[np.float32],
-        goal: NDArray[np.float64],
-        velocity: NDArray[np.float64],
-        robots: NDArray[np.intp],
-    ) -> NDArray[np.float64]:
-        self.robots |= set(robots.tolist())
-        return straight(ranges, goal, velocity)
-
-
-def test_functions_and_objects_take_part_under_their_names(drawn: ScenarioList, tmp_path: Path) -> None:
-    mine = [enter("mine", straight), enter("object", Remembering()), enter("mine+astar", straight)]
-    comparison = compare(["straight", "straight+astar", *mine], drawn, SIM, tmp_path / "out")
-    built_in, led, function, remembering, own_led = comparison.records
-    assert function.episodes == remembering.episodes == built_in.episodes
-    assert own_led.episodes == led.episodes != built_in.episodes
-    assert [record.name for record in comparison.records[2:]] == ["mine", "object", "mine+astar"]
-    assert [record.scores["knows_map"] for record in comparison.records] == [False, True, False, False, True]
-    assert comparison.pairs[1].mcnemar_p == 1.0
-
-
-def test_a_function_is_driven_anew_each_time(drawn: ScenarioList, tmp_path: Path) -> None:
-    """Nobody knows whether a function of the same name still does the same."""
-    first = compare([enter("mine", straight)], drawn.first(3), SIM, tmp_path / "out")
-    other = compare([enter("mine", lambda *_: np.zeros((len(_[0]), 2)))], drawn.first(3), SIM, tmp_path / "out")
-    assert first.records[0].episodes != other.records[0].episodes
-    assert {episode.outcome for episode in other.records[0].episodes} == {"timeout"}
-
-
-def test_a_controller_for_another_robot_is_refused(drawn: ScenarioList, tmp_path: Path) -> None:
-    slow = Controller("gap", replace(SIM, robot=RobotConfig(v_max=0.2)))
-    with pytest.raises(UserError, match=r"slow: robot\.v_max = 0\.5: the controller was made for 0\.2"):
-        compare([enter("slow", slow)], drawn.first(2), SIM, tmp_path / "out")
+# Settings
 
 
 def test_classical_settings_are_those_of_the_level(drawn: ScenarioList, tmp_path: Path) -> None:
@@ -236,58 +239,7 @@ def test_classical_settings_are_those_of_the_level(drawn: ScenarioList, tmp_path
     assert shipped.records[0].episodes == same.records[0].episodes != other.records[0].episodes
 
 
-# What is written
-
-
-def test_the_report_and_its_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "out"
-    assert main(["compare", "random", "default", "gap+rrt", "--episodes", "8", "--out", str(out)]) == 0
-    text = (out / "report.md").read_text()
-    assert f"    navrl compare random default gap+rrt --episodes 8 --out {out}" in text
-    results = json.loads((out / "results.json").read_text())
-    for contender in results["contenders"]:
-        assert f"| {contender['name']} | {100 * contender['success_rate']:.1f} |" in text
-    assert len(results["pairs"]) == 3
-    for pair in results["pairs"]:
-        assert f"| {pair['a']} | {pair['b']} | {pair['only_a']} | {pair['only_b']} | {pair['mcnemar_p']:.2g} |" in text
-    for file in ("success.png", "spl.png", "time.png", "failures.png"):
-        assert f"]({file})" in text
-        assert min(Image.open(out / file).size) > 100
-    shown = capsys.readouterr().out
-    assert "3 contenders on td3, list test, level ideal: 8 scenarios" in shown
-    assert len(list((out / "contenders").iterdir())) == 6
-
-
-def test_success_is_drawn_where_it_lies(drawn: ScenarioList, tmp_path: Path) -> None:
-    comparison = compare(["straight"], drawn, SIM, tmp_path / "out")
-    picture = plots.success(comparison)
-    rate = comparison.records[0].scores["success_rate"]
-    assert 0 < rate < 1
-    row = plots.HEAD_PX + plots.ROW_PX // 2 + 6
-    green = plots.OUTCOME_COLORS["goal"]
-    columns = [x for x in range(plots.NAMES_PX, plots.NAMES_PX + plots.PLOT_PX) if picture.getpixel((x, row)) == green]
-    assert len(columns) == pytest.approx(rate * plots.PLOT_PX, abs=2)
-
-
-def test_the_worst_failures_are_those_that_others_solve(drawn: ScenarioList, tmp_path: Path) -> None:
-    comparison = compare(["straight", "gap", "dwa"], drawn, SIM, tmp_path / "out")
-    shown = plots.worst_failures(comparison)
-    assert shown
-    solvers = np.sum([record.solved() for record in comparison.records], axis=0)
-    for record in comparison.records:
-        mine = [index for other, index in shown if other is record]
-        failed = [index for index, solved in enumerate(record.solved()) if not solved]
-        assert len(mine) == min(len(failed), plots.PER_CONTENDER)
-        left_out = [solvers[index] for index in failed if index not in mine]
-        assert all(solvers[index] >= max(left_out, default=0) for index in mine)
-        assert set(mine) <= set(failed)
-
-
-def test_nobody_fails_in_an_open_world(tmp_path: Path) -> None:
-    comparison = compare(["straight", "default"], given_list([scenario()], SIM), SIM, tmp_path / "out")
-    assert plots.failures(comparison) is None
-    assert [pair.mcnemar_p for pair in comparison.pairs] == [1.0]
-    assert "failures.png" not in [file for file, _ in plots.write(comparison, tmp_path / "out")]
+# The command line
 
 
 def test_mistakes_of_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -305,15 +257,21 @@ def test_mistakes_of_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "is not a folder" in refused("gap", "--episodes", "2")
 
 
-@pytest.mark.parametrize("name", ["gap", "default", "gap+astar", "mine+astr"])
-def test_what_is_given_has_a_name_of_its_own(name: str) -> None:
-    with pytest.raises(UserError, match=rf"{name.replace('+', '.')}: expected a (name of your own|planner)"):
-        enter(name, lambda *_: np.zeros((1, 2)))
-
-
-def test_what_is_given_leaves_nothing_behind(drawn: ScenarioList, tmp_path: Path) -> None:
-    compare([enter("mine", lambda *_: np.zeros((len(_[0]), 2)))], drawn.first(2), SIM, tmp_path)
-    assert list((tmp_path / "contenders").glob("*")) == []
+def test_nothing_is_announced_that_is_then_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = str(tmp_path / "out")
+    assert main(["compare", "straight", "--episodes", "2", "--out", out]) == 0
+    assert capsys.readouterr().err.startswith(
+        "navrl: comparing 1 contender on td3, list test, level ideal: 2 scenarios; "
+    )
+    for typed in (
+        ["compare", "gap", "--episodes", "2", "--level", "real", "--out", out],
+        ["compare", "gap", "--episodes", "2000", "--out", out],
+        ["compare", "gap", "--scenarios", str(tmp_path / "none.jsonl"), "--out", out],
+        ["play", "gap", "--index", "5000", "--out", str(tmp_path / "a.png")],
+        ["eval", "default", "--episodes", "2000"],
+    ):
+        assert main(typed) == 2
+        assert len(capsys.readouterr().err.splitlines()) == 1, typed
 
 
 def test_settings_of_controllers_leave_the_policys_robot(tmp_path: Path) -> None:

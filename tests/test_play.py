@@ -1,6 +1,8 @@
 """Pictures and films of an episode: the same episode as the evaluation's, complete, and written whole."""
 
 import builtins
+from collections.abc import Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
@@ -13,7 +15,8 @@ from PIL import Image
 
 from navrl.config import SimConfig
 from navrl.drawing import trajectory as trajectories
-from navrl.drawing.film import FRAMES_MAX, check_output, frame_steps, write
+from navrl.drawing.film import FRAMES_MAX, check_output, frame_steps, shown_speed, write
+from navrl.drawing.legend import Item, box, legend
 from navrl.drawing.trajectory import Trajectory, with_idle
 from navrl.errors import UserError
 from navrl.evaluate import Pilot, driver, evaluate
@@ -85,6 +88,44 @@ def test_frames_of_a_film() -> None:
         assert len(shown) <= FRAMES_MAX + 2
 
 
+@pytest.mark.parametrize(
+    ("steps", "rate", "speed"), [(1, 12.5, 2.5), (300, 12.5, 2.5), (300, 25.0, 2.5), (5000, 12.5, 21.25)]
+)
+def test_the_speed_that_is_told_is_the_one_that_is_shown(steps: int, rate: float, speed: float) -> None:
+    assert shown_speed(steps, 0.1, rate) == pytest.approx(speed)
+    shown, interval = frame_steps(steps, 0.1, rate)
+    if len(shown) > 2:
+        assert 0.1 * shown[-2] / (interval * (len(shown) - 2)) == pytest.approx(speed)
+
+
+def test_films_say_how_fast_they_run_and_pictures_explain_their_marks(
+    trajectory: Trajectory, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    explained: list[str] = []
+
+    def listening(items: Sequence[Item], *, width: int) -> Image.Image:
+        explained[:] = [item.label for item in items]
+        return legend(items, width=width)
+
+    monkeypatch.setattr("navrl.drawing.render.legend", listening)
+    write(trajectory, tmp_path / "a.gif", title="test")
+    assert explained == ["start", "goal", "driven", "rays: 0.35 to 4 m", "grid 1 m", "shown 2.5 times as fast"]
+    planned = replace(trajectory, planned=trajectory.poses[::5, :2])
+    assert write(planned, tmp_path / "a.png", title="test") is None
+    assert explained[2:4] == ["driven", "planned"]
+    assert explained[-1] == "the robot every 2 s"
+
+
+def test_a_legend_takes_as_many_rows_as_it_needs() -> None:
+    items = [Item(word, box((200, 0, 0))) for word in ("one", "two", "three", "four")]
+    wide, narrow = legend(items, width=600), legend(items, width=130)
+    assert (wide.width, narrow.width) == (600, 130)
+    assert wide.height < narrow.height
+    for picture in (wide, narrow):
+        red = (np.asarray(picture) == (200, 0, 0)).all(axis=2).sum()
+        assert red == pytest.approx(4 * 18 * 8, rel=0.2)
+
+
 def test_a_picture(trajectory: Trajectory, tmp_path: Path) -> None:
     write(trajectory, tmp_path / "episode.png", title="test")
     with Image.open(tmp_path / "episode.png") as picture:
@@ -97,7 +138,7 @@ def test_a_picture(trajectory: Trajectory, tmp_path: Path) -> None:
 
 
 def test_a_film(trajectory: Trajectory, tmp_path: Path) -> None:
-    write(trajectory, tmp_path / "episode.gif", title="test")
+    assert write(trajectory, tmp_path / "episode.gif", title="test") == pytest.approx(2.5)
     shown, _ = frame_steps(trajectory.steps, 0.1, 12.5)
     with Image.open(tmp_path / "episode.gif") as film:
         assert film.n_frames == len(shown)

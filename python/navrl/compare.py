@@ -28,6 +28,7 @@ from navrl.comparing.folder import ComparisonFolder, Record
 from navrl.comparing.pilot_errors import PilotError
 from navrl.comparing.progress import shown_drive, shown_plans
 from navrl.comparing.report import headline, markdown
+from navrl.comparing.short_names import short_names
 from navrl.comparing.timing import decision_times
 from navrl.config import ControllersConfig, PlannerConfig, SimConfig
 from navrl.config.files import load_config
@@ -114,6 +115,10 @@ class Comparison:
             for record in self.records
         ]
 
+    def short_names(self) -> list[str]:
+        """Names of all contenders as tables and pictures show them."""
+        return short_names([record.name for record in self.records])
+
     def _over_common(self, record: Record) -> dict[str, float | None]:
         solved = [record.episodes[index] for index in self.common]
         return {
@@ -125,14 +130,14 @@ class Comparison:
 class FailedPilots(UserError):
     """Pilots that the user gave have failed; the text says which, in which scenarios and how."""
 
-    def __init__(self, faults: Sequence[str], comparison: Comparison | None) -> None:
+    def __init__(self, faults: Sequence[PilotError], comparison: Comparison | None) -> None:
         """Keeps what the other contenders did.
 
         Args:
             faults: One for each that failed.
             comparison: Of the others; None if there are none.
         """
-        super().__init__("; ".join(faults))
+        super().__init__("; ".join(str(fault) for fault in faults))
         self.comparison = comparison
 
 
@@ -192,15 +197,15 @@ def compare(
                 record = _run(contender, scenarios, sim, controllers, planner, num_threads, display)
             except PilotError as error:
                 _say(display, str(error))
-                faults.append(str(error))
+                faults.append(error)
                 continue
             if contender.is_known:
                 kept.keep(record, contender.policy_sha256)
             _say(display, f"{_line(record)}, in {perf_counter() - begin:.1f} s")
         records.append(record)
     comparison = _compared(records, others, scenarios, sim, level) if records or others else None
-    if faults or comparison is None:
-        raise FailedPilots(faults, comparison)
+    if comparison is None or faults:
+        raise FailedPilots(faults, comparison) from faults[0]
     return comparison
 
 

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from navrl.comparing.short_names import short_names
 from navrl.drawing.legend import Item, box, legend, line, mark, ring, whisker
 from navrl.drawing.render import (
     FAINT_INK,
@@ -39,7 +38,7 @@ SMOOTH = 2
 """Pictures are drawn so many times larger and then reduced."""
 NAMES_PX, PLOT_PX, RIGHT_PX, ROW_PX, HEAD_PX, FOOT_PX = 160, 560, 90, 34, 76, 44
 """Widths of names, plot and what is right of it; heights of a row and of what is above and below, pixels."""
-OUTCOME_FILLS = {"goal": GOAL, "collision": (190, 24, 60), "timeout": (244, 190, 80)}
+OUTCOME_FILLS = {"goal": GOAL, "collision": (170, 20, 50), "timeout": (244, 190, 80)}
 """Colours of outcomes as areas: as light or dark as can be told apart without seeing red and green."""
 BARS = 50
 """Bars of a distribution."""
@@ -75,7 +74,7 @@ class Chart:
             explained: Items of the legend.
         """
         self._low, self._high = ticks[0], ticks[-1]
-        names = short_names([record.name for record in comparison.records])
+        names = comparison.short_names()
         self._size = (NAMES_PX + PLOT_PX + RIGHT_PX, HEAD_PX + ROW_PX * len(names) + FOOT_PX)
         self._legend = legend(explained, width=self._size[0])
         self._canvas = Image.new("RGB", (self._size[0] * SMOOTH, self._size[1] * SMOOTH), PAPER)
@@ -231,10 +230,9 @@ def failures(comparison: Comparison) -> Image.Image | None:
     shown = worst_failures(comparison)
     if not shown:
         return None
-    names = short_names([record.name for record in comparison.records])
     rows = [
         [_room(comparison, record, index, name) for other, index in shown if other is record]
-        for record, name in zip(comparison.records, names, strict=True)
+        for record, name in zip(comparison.records, comparison.short_names(), strict=True)
         if not all(record.solved())
     ]
     explained = [

@@ -5,6 +5,7 @@ short_names(["dwa", "/data/2026/runs/night/seed0"]) -> ["dwa", ".../night/seed0"
 
 from collections import Counter
 from collections.abc import Sequence
+from itertools import count
 
 LONGEST = 19
 """Characters of a name: so that the terminal's tables fit into 80 columns."""
@@ -22,17 +23,15 @@ def short_names(names: Sequence[str], longest: int = LONGEST) -> list[str]:
     Returns:
         One for each name, different from each other; those that are short enough as they are.
     """
-    shorts = [name if len(name) <= longest else _end(name, longest) for name in names]
-    counts, used = Counter(shorts), set(names)
-    for place, short in enumerate(shorts):
-        if counts[short] == 1:
-            continue
-        number = 1
-        while short in used or shorts.count(short) > 1:
-            mark = f" #{number}"
-            short = _end(names[place], longest - len(mark)) + mark
-            number += 1
-        shorts[place] = short
+    ends = Counter(_end(name, longest) for name in names if len(name) > longest)
+    shorts, used = [], set(names)
+    for name in names:
+        short = name if len(name) <= longest else _end(name, longest)
+        if short != name and (ends[short] > 1 or short in used):
+            marks = (f" #{number}" for number in count(1))
+            short = next(s for s in (_end(name, longest - len(mark)) + mark for mark in marks) if s not in used)
+        used.add(short)
+        shorts.append(short)
     return shorts
 
 
@@ -43,4 +42,4 @@ def _end(name: str, longest: int) -> str:
         end = "/".join(["...", *parts[first:]])
         if len(end) <= longest:
             return end
-    return "..." + name[len(name) - (longest - 3) :]
+    return "..." + name[3 - longest :]

@@ -56,8 +56,8 @@ class WorldConfig:
     """Where the robot drives and how far its goals lie (section IV, figure 5)."""
 
     name: _World = "td3"
-    """A built-in world or a world file. "td3" is the paper's room; "boxes", "open8" and "walls" are 10 m squares, "walls"
-    with narrow gaps and dead ends; in "mixed" every robot, and every scenario of a list, has one of all these."""
+    """A built-in world or a world file. "td3" is the paper's room; "boxes", "open8" and "walls" are 10 m squares,
+    the last with narrow gaps and dead ends; in "mixed" each robot, and each scenario of a list, has one of all."""
     boxes: Annotated[int, Field(ge=0, le=64)] = 8
     """Random boxes of the world "boxes"; the other worlds know their own number."""
     random_yaw: bool = True
