@@ -106,21 +106,21 @@ class MppiConfig:
     """Sampled sequences of commands."""
     steps: Annotated[int, Field(ge=1, le=1000)] = 56
     """Commands of a sequence."""
-    step: Annotated[float, Field(ge=1e-3, le=10), Search(0.01, 1, log=True)] = 0.2434
+    step: Annotated[float, Field(ge=1e-3, le=10), Search(0.05, 0.6, log=True)] = 0.2434
     """Time that a command of a sequence lasts (s)."""
-    temperature: Annotated[float, Field(ge=1e-6, le=1e6), Search(0.001, 100, log=True)] = 0.3729
+    temperature: Annotated[float, Field(ge=1e-6, le=1e6), Search(0.03, 10, log=True)] = 0.3729
     """Cost by which a sequence loses a factor e of weight."""
-    hold: Annotated[int, Field(ge=1, le=1000), Search(1, 100, log=True)] = 14
+    hold: Annotated[int, Field(ge=1, le=1000), Search(2, 56, log=True)] = 14
     """Steps that a draw of noise lasts: noise that changes with every step hardly turns the robot."""
-    v_noise: Annotated[float, Field(ge=0, le=100), Search(0.01, 5, log=True)] = 0.4877
+    v_noise: Annotated[float, Field(ge=0, le=100), Search(0.05, 2, log=True)] = 0.4877
     """Standard deviation of the forward speed's noise (m/s)."""
-    omega_noise: Annotated[float, Field(ge=0, le=100), Search(0.02, 10, log=True)] = 1.101
+    omega_noise: Annotated[float, Field(ge=0, le=100), Search(0.2, 5, log=True)] = 1.101
     """Standard deviation of the turning speed's noise (rad/s)."""
     goal: Annotated[float, _Weight] = 6.558
     """Cost per metre to the goal and second."""
-    obstacle: Annotated[float, _Weight, Search(0.001, 1000, log=True)] = 0.383
+    obstacle: Annotated[float, _Weight, Search(0.03, 100, log=True)] = 0.383
     """Cost per second at an obstacle; it falls with the square of the clearance to 0 at inflation."""
-    inflation: Annotated[float, _Distance, Search(0.02, 10, log=True)] = 0.9775
+    inflation: Annotated[float, _Distance, Search(0.1, 3, log=True)] = 0.9775
     """Clearance (m) at which obstacles begin to cost."""
     margin: _Margin = 0.02
     """Added to the robot's radius (m)."""
