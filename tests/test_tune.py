@@ -4,6 +4,7 @@ import tomllib
 from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -179,6 +180,21 @@ def test_a_search_has_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.Mo
 def test_refusals(words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["tune", *words, "--out", str(tmp_path / "study")]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_search_beside_another_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("optuna", reason="Optuna is not installed: nothing is searched")
+    drive, begun = navrl.tune._drive, []
+
+    def interrupted(*arguments: Any) -> Any:  # noqa: ANN401 - whatever a trial has
+        if not begun:
+            begun.append(True)
+            tune("gap", BOXES, tmp_path, trials=2, episodes=2)
+        return drive(*arguments)
+
+    monkeypatch.setattr(navrl.tune, "_drive", interrupted)
+    with pytest.raises(UserError, match=r": another process searches there, too$"):
+        tune("gap", BOXES, tmp_path, trials=2, episodes=2)
 
 
 def test_a_damaged_study_is_said_so(tmp_path: Path) -> None:

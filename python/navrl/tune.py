@@ -149,6 +149,8 @@ def tune(
         trial = _ask(study, space, config, seed, number)
         begin = process_time()
         evaluation = _drive(contender, config, trial, scenarios, num_threads)
+        if study.trials[trial.number].state.is_finished():
+            raise UserError(f"{folder}: another process searches there, too")
         trial.set_user_attr("cpu_s", process_time() - begin)
         if evaluation is None:
             study.tell(trial, state=_failed())
