@@ -1,7 +1,7 @@
 """Settings of the classical controllers: part of the configuration tree, with the ranges that `navrl tune` searches.
 
 Not searched are: weights that are the unit of the others (`dwa.heading`, `gap.goal`, `mppi.goal`), numbers of samples,
-and the margin of those that avoid obstacles, which is there for what a scan cannot show.
+and the margins, which are there for what a scan cannot show.
 """
 
 from typing import Annotated, Literal, get_args
@@ -152,7 +152,7 @@ class PursuitConfig:
     """Slowest forward speed (m/s) while it slows."""
     stop_time: Annotated[float, Field(ge=0, le=60), Search(0.002, 5, log=True)] = 0.2
     """The robot slows so that it could still stop on the free way along its arc, a period and this time (s) later."""
-    margin: Annotated[float, Field(ge=0, le=10), Search(0.001, 0.3, log=True)] = 0.02
+    margin: _Margin = 0.02
     """Added to the robot's radius (m); half of the clearance where that is less."""
 
 
