@@ -31,17 +31,17 @@ class DwaConfig:
 
     heading: Annotated[float, _Weight] = 1.0
     """Weight of the share of a half turn by which the robot at the horizon looks to the goal."""
-    clearance: Annotated[float, _Weight, Search(0.01, 1000, log=True)] = 31.7
+    clearance: Annotated[float, _Weight, Search(0.01, 1000, log=True)] = 144.0
     """Weight of the free way along the arc as a share of clearance_max."""
-    speed: Annotated[float, _Weight, Search(0.01, 1000, log=True)] = 7.025
+    speed: Annotated[float, _Weight, Search(0.01, 1000, log=True)] = 327.4
     """Weight of the forward speed as a share of v_max."""
-    horizon: Annotated[float, Field(ge=1e-3, le=60), Search(0.1, 20, log=True)] = 2.98
+    horizon: Annotated[float, Field(ge=1e-3, le=60), Search(0.1, 20, log=True)] = 0.2355
     """Time after which the heading is judged (s); at most half the way to the goal."""
-    clearance_max: Annotated[float, _Distance, Search(0.1, 10, log=True)] = 2.78
+    clearance_max: Annotated[float, _Distance, Search(0.1, 10, log=True)] = 4.966
     """A free way of this length (m), or to the goal, counts in full."""
     margin: _Margin = 0.02
     """Added to the robot's radius (m): the end of a wall can hide between two beams."""
-    reaction: Annotated[float, Field(ge=0, le=10), Search(0.01, 3, log=True)] = 0.4106
+    reaction: Annotated[float, Field(ge=0, le=10), Search(0.01, 3, log=True)] = 0.962
     """Time (s) that a command acts before the robot can brake."""
     interval: Annotated[float, Field(ge=1e-3, le=10), Search(0.02, 3, log=True)] = 0.4
     """Time (s) in which the speeds of the window can be reached; without acceleration limits all are at once."""
@@ -60,11 +60,11 @@ class ApfConfig:
     None of 80 more trials of 300 scenarios was better.
     """
 
-    repulsion: Annotated[float, _Weight, Search(1e-5, 10, log=True)] = 0.002932
+    repulsion: Annotated[float, _Weight, Search(1e-5, 10, log=True)] = 0.006824
     """Weight of the repulsion (m^2 per radian of beams)."""
-    reach: Annotated[float, _Distance, Search(0.05, 10, log=True)] = 1.357
+    reach: Annotated[float, _Distance, Search(0.05, 10, log=True)] = 5.283
     """Clearance at which the repulsion begins (m)."""
-    turn_gain: Annotated[float, _Gain, Search(0.05, 50, log=True)] = 0.6484
+    turn_gain: Annotated[float, _Gain, Search(0.05, 50, log=True)] = 15.92
     """Turning speed per angle to the force (1/s)."""
 
 
@@ -76,19 +76,19 @@ class GapConfig:
     Found by `navrl tune gap --world boxes --boxes 16 --trials 100`: trial 78, seed 0, 500 scenarios each.
     """
 
-    reach: Annotated[float, _Distance, Search(0.1, 10, log=True)] = 1.613
+    reach: Annotated[float, _Distance, Search(0.1, 10, log=True)] = 1.524
     """A direction is free if the robot can drive so far in it (m), or to the goal."""
     margin: _Margin = 0.02
     """Added to the robot's radius (m)."""
     goal: Annotated[float, _Weight] = 1.0
     """Cost of a direction per angle to the goal (1/rad)."""
-    heading: Annotated[float, _Weight, Search(0.005, 50, log=True)] = 0.7139
+    heading: Annotated[float, _Weight, Search(0.005, 50, log=True)] = 0.7304
     """Cost of a direction per angle to the heading (1/rad)."""
-    border: Annotated[float, Field(ge=0, le=3.2), Search(0, 1.6)] = 0.2857
+    border: Annotated[float, Field(ge=0, le=3.2), Search(0, 1.6)] = 1.29
     """How far from the border of a wide gap the robot aims (rad)."""
-    turn_gain: Annotated[float, _Gain, Search(0.05, 50, log=True)] = 3.455
+    turn_gain: Annotated[float, _Gain, Search(0.05, 50, log=True)] = 30.37
     """Turning speed per angle to the chosen direction (1/s)."""
-    slow_distance: Annotated[float, _Distance, Search(0.02, 10, log=True)] = 0.6331
+    slow_distance: Annotated[float, _Distance, Search(0.02, 10, log=True)] = 0.5241
     """Free way ahead (m) below which the robot slows."""
 
 
@@ -106,21 +106,21 @@ class MppiConfig:
     """Sampled sequences of commands."""
     steps: Annotated[int, Field(ge=1, le=1000)] = 56
     """Commands of a sequence."""
-    step: Annotated[float, Field(ge=1e-3, le=10), Search(0.05, 0.6, log=True)] = 0.2434
+    step: Annotated[float, Field(ge=1e-3, le=10), Search(0.05, 0.6, log=True)] = 0.4655
     """Time that a command of a sequence lasts (s)."""
-    temperature: Annotated[float, Field(ge=1e-6, le=1e6), Search(0.03, 10, log=True)] = 0.3729
+    temperature: Annotated[float, Field(ge=1e-6, le=1e6), Search(0.03, 10, log=True)] = 3.302
     """Cost by which a sequence loses a factor e of weight."""
-    hold: Annotated[int, Field(ge=1, le=1000), Search(2, 56, log=True)] = 14
+    hold: Annotated[int, Field(ge=1, le=1000), Search(2, 56, log=True)] = 4
     """Steps that a draw of noise lasts: noise that changes with every step hardly turns the robot."""
-    v_noise: Annotated[float, Field(ge=0, le=100), Search(0.05, 2, log=True)] = 0.4877
+    v_noise: Annotated[float, Field(ge=0, le=100), Search(0.01, 2, log=True)] = 0.05102
     """Standard deviation of the forward speed's noise (m/s)."""
-    omega_noise: Annotated[float, Field(ge=0, le=100), Search(0.2, 5, log=True)] = 1.101
+    omega_noise: Annotated[float, Field(ge=0, le=100), Search(0.2, 5, log=True)] = 0.5079
     """Standard deviation of the turning speed's noise (rad/s)."""
     goal: Annotated[float, _Weight] = 6.558
     """Cost per metre to the goal and second."""
-    obstacle: Annotated[float, _Weight, Search(0.03, 100, log=True)] = 0.383
+    obstacle: Annotated[float, _Weight, Search(0.03, 100, log=True)] = 0.1011
     """Cost per second at an obstacle; it falls with the square of the clearance to 0 at inflation."""
-    inflation: Annotated[float, _Distance, Search(0.1, 3, log=True)] = 0.9775
+    inflation: Annotated[float, _Distance, Search(0.1, 3, log=True)] = 0.5015
     """Clearance (m) at which obstacles begin to cost."""
     margin: _Margin = 0.02
     """Added to the robot's radius (m)."""
@@ -136,21 +136,21 @@ class PursuitConfig:
     Set by hand: without a planner's path there is nothing to tune it on.
     """
 
-    lookahead: Annotated[float, _Distance, Search(0.12, 3, log=True)] = 0.35
+    lookahead: Annotated[float, _Distance, Search(0.12, 3, log=True)] = 0.57
     """Distance (m) of the point of the path that is pursued."""
-    turn_in_place: Annotated[float, Field(ge=0, le=3.2), Search(0.05, 3.2, log=True)] = 0.8
+    turn_in_place: Annotated[float, Field(ge=0, le=3.2), Search(0.05, 3.2, log=True)] = 1.135
     """A larger angle to that point is turned away in place (rad)."""
-    turn_gain: Annotated[float, _Gain, Search(0.2, 50, log=True)] = 3.0
+    turn_gain: Annotated[float, _Gain, Search(0.2, 50, log=True)] = 43.68
     """Turning speed per angle while turning in place (1/s)."""
-    detour: Annotated[float, Field(ge=0, le=3.2), Search(0, 3.2)] = 1.0
+    detour: Annotated[float, Field(ge=0, le=3.2), Search(0, 3.2)] = 1.057
     """Angle (rad) up to which arcs beside one on which an obstacle stands are tried; 0: none, it only stops."""
-    radius_min: Annotated[float, Field(ge=0, le=1000), Search(0.005, 5, log=True)] = 0.6
+    radius_min: Annotated[float, Field(ge=0, le=1000), Search(0.005, 5, log=True)] = 0.01118
     """Arcs of a smaller radius (m) are driven slower in proportion."""
-    approach: Annotated[float, Field(ge=0, le=1000), Search(0.005, 5, log=True)] = 0.3
+    approach: Annotated[float, Field(ge=0, le=1000), Search(0.005, 5, log=True)] = 0.007598
     """Distance to the goal (m) below which the robot slows in proportion."""
-    v_min: Annotated[float, Field(ge=0, le=100), Search(0.002, 1, log=True)] = 0.05
+    v_min: Annotated[float, Field(ge=0, le=100), Search(0.002, 1, log=True)] = 0.02618
     """Slowest forward speed (m/s) while it slows."""
-    stop_time: Annotated[float, Field(ge=0, le=60), Search(0.002, 5, log=True)] = 0.2
+    stop_time: Annotated[float, Field(ge=0, le=60), Search(0.002, 5, log=True)] = 0.003346
     """The robot slows so that it could still stop on the free way along its arc, a period and this time (s) later."""
     margin: _Margin = 0.02
     """Added to the robot's radius (m); half of the clearance where that is less."""
