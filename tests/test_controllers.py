@@ -176,7 +176,7 @@ def test_a_robot_that_must_gather_speed_finds_the_way_around() -> None:
     )
     outcomes = []
     for interval in (0.1, 0.4):
-        dwa = dataclasses.replace(ControllersConfig().dwa, interval=interval)
+        dwa = DwaConfig(clearance=30.0, speed=7.0, horizon=3.0, clearance_max=2.8, reaction=0.4, interval=interval)
         controller = Controller("dwa", sim, ControllersConfig(dwa=dwa))
         outcomes.append(evaluate(controller, [wall], sim=sim).episodes[0].outcome)
     assert outcomes == ["timeout", "goal"]
@@ -208,15 +208,17 @@ def test_the_potential_field_stands_in_its_local_minimum() -> None:
     # It stands before the wall, whose side is at 2.8 m, and does not touch it.
     assert 1.0 < episode.path_m < 2.6
     # Others find the way round.
+    gap = GapConfig(reach=1.6, heading=0.7, border=0.3, turn_gain=3.5, slow_distance=0.6)
     for name in ("dwa", "gap"):
-        assert evaluate(Controller(name, QUIET), [behind_a_wall()], sim=QUIET).episodes[0].outcome == "goal"
+        controller = Controller(name, QUIET, ControllersConfig(gap=gap))
+        assert evaluate(controller, [behind_a_wall()], sim=QUIET).episodes[0].outcome == "goal"
 
 
 def test_the_potential_field_drives_straight_where_nothing_pushes() -> None:
     assert decide("apf", np.full(BEAMS, FAR), (3.0, 0.0)) == pytest.approx([0.5, 0.0], abs=1e-6)
-    v, omega = decide("apf", np.full(BEAMS, FAR), (3.0, 0.2))
-    assert v == pytest.approx(0.5 * math.cos(0.2), abs=1e-6)
-    assert omega == pytest.approx(0.2 * ControllersConfig().apf.turn_gain, abs=1e-6)
+    v, omega = decide("apf", np.full(BEAMS, FAR), (3.0, 0.05))
+    assert v == pytest.approx(0.5 * math.cos(0.05), abs=1e-6)
+    assert omega == pytest.approx(0.05 * ControllersConfig().apf.turn_gain, abs=1e-6)
 
 
 @pytest.mark.parametrize("side", [1, -1])

@@ -145,7 +145,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert "seed 0, each on the first 5 scenarios of the tuning list" in head[1]
     assert head[2].startswith("# boxes with 4 boxes, level ideal: success ")
     assert head[3] == "# not counted: 0 cut short; refused as settings that exclude each other: 0"
-    assert "#   gap.reach = 1.613, 0.1 to 10.0 by powers" in head
+    assert f"#   gap.reach = {Config().gap.reach}, 0.1 to 10.0 by powers" in head
 
 
 def test_a_search_has_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
