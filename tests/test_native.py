@@ -14,13 +14,13 @@ import torch
 from numpy.typing import NDArray
 
 from navrl import _navsim
-from navrl.config import Config, LearnerConfig, NetworksConfig, ThreadsConfig
-from navrl.errors import ConfigError
-from navrl.machine import Machine
-from navrl.native import kernel_of
+from navrl.config import Config, LearnerConfig, LidarConfig, NetworksConfig, ThreadsConfig
+from navrl.config.files import load_config
+from navrl.machine import Machine, cores
+from navrl.native import kernel_of, learn_threads
 from navrl.replay import NonFiniteError
 from navrl.td3 import TD3, UpdateMetrics, flushed_denormals
-from plain_td3 import small_config, small_learner
+from plain_td3 import BINS, small_config, small_learner
 
 FULL = os.environ.get("NAVRL_FULL") == "1"
 CASES: list[tuple[dict[str, object], dict[str, object]]] = [
@@ -266,13 +266,74 @@ def test_rates_fall_and_metrics_agree_over_many_updates() -> None:
 def test_who_computes() -> None:
     config = Config()
     assert kernel_of(config) == "native"
-    assert Machine.here(config).kernel == "native"
-    assert kernel_of(replace(config, threads=ThreadsConfig(learn=2))) == "torch"
-    torch_config = replace(config, learner=LearnerConfig(kernel="torch"))
-    assert kernel_of(torch_config) == "torch"
-    assert Machine.here(config).differences(Machine.here(torch_config)) == ["kernel: native, torch"]
-    with pytest.raises(ConfigError, match=r"threads.learn = 2: must be 1 with kernel"):
-        Config(learner=LearnerConfig(kernel="native"), threads=ThreadsConfig(learn=2))
+    two, one = (replace(config, threads=ThreadsConfig(learn=threads)) for threads in (2, 1))
+    assert [learn_threads(c) for c in (two, one)] == [2, 1]
+    assert learn_threads(replace(config, threads=ThreadsConfig(learn=7))) == 2
+    assert learn_threads(config) == min(cores(), 2)
+    assert Machine.here(one) == Machine.here(two)
+    torch_one = replace(one, learner=LearnerConfig(kernel="torch"))
+    torch_two = replace(two, learner=LearnerConfig(kernel="torch"))
+    assert kernel_of(torch_one) == "torch"
+    assert learn_threads(replace(torch_one, threads=ThreadsConfig())) == 1
+    assert Machine.here(torch_two).differences(Machine.here(torch_one)) == ["learn_threads: 2, 1"]
+    differences = Machine.here(one).differences(Machine.here(torch_one))
+    assert differences == ["kernel: native, torch", "learn_threads: 0, 1"]
+
+
+HALVES: list[tuple[dict[str, object], dict[str, object]]] = [
+    ({"hidden_sizes": (128, 128)}, {"batch_size": 96}),
+    ({"hidden_sizes": (33, 17)}, {"batch_size": 45, "policy_delay": 1}),
+    ({"hidden_sizes": (9, 18, 5)}, {"batch_size": 17}),
+    ({"hidden_sizes": (12, 10)}, {"batch_size": 9, "pretanh_penalty": 2.0}),
+    ({"hidden_sizes": (40, 30), "initialization": "torch", "frozen_combined": True}, {"batch_size": 40}),
+    ({}, {"batch_size": 1}),
+    ({}, {"batch_size": 8}),
+]
+"""Sizes of which the second half is as large as the first, smaller, one row, or empty."""
+
+
+def _in_threads(threads: int, dtype: torch.dtype, networks: object = None, **learner: object) -> TD3:
+    sizes = {"hidden_sizes": (12, 10), **(networks or {})}  # type: ignore[dict-item]
+    config = small_config(NetworksConfig(**sizes), kernel="native", **learner)
+    return small_learner(replace(config, threads=ThreadsConfig(learn=threads)), dtype)
+
+
+@pytest.mark.parametrize("algorithm", ["td3", "ddpg"])
+@pytest.mark.parametrize(("networks", "learner"), HALVES)
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_same_bits_in_one_thread_and_two(
+    dtype: torch.dtype, networks: dict[str, object], learner: dict[str, object], algorithm: str
+) -> None:
+    """Regrouped, with a second thread that comes and goes, and continued in the other number of threads."""
+    one, two = (_in_threads(threads, dtype, networks, algorithm=algorithm, **learner) for threads in (1, 2))
+    for count in (40, 1, 60):
+        assert one.update(count) == two.update(count)
+        assert _bits(one) == _bits(two)
+    two.make_room(False)
+    alone = _in_threads(2, dtype, networks, algorithm=algorithm, **learner)
+    alone.restore(two.state())
+    one, two = _restored(two, one), _restored(one, two)
+    for td3 in (one, two, alone):
+        td3.update(50)
+        assert _bits(td3) == _bits(one)
+
+
+def _restored(td3: TD3, state: TD3) -> TD3:
+    td3.restore(state.state())
+    return td3
+
+
+@pytest.mark.parametrize(("preset", "batch_size"), [("fast", None), ("paper", None), ("paper", 37)])
+def test_presets_have_the_same_bits_in_one_thread_and_two(preset: str, batch_size: int | None) -> None:
+    config = load_config(preset=preset)
+    learner = replace(config.learner, kernel="native", batch_size=batch_size or config.learner.batch_size)
+    config = replace(config, learner=learner, lidar=LidarConfig(bins=BINS))
+    states = []
+    for threads in (1, 2):
+        td3 = small_learner(replace(config, threads=ThreadsConfig(learn=threads)))
+        td3.update(30)
+        states.append(_bits(td3))
+    assert states[0] == states[1]
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
@@ -333,7 +394,9 @@ def test_binding_refuses_arrays_that_do_not_fit() -> None:
         with pytest.raises(error, match=named):
             kernel.update(**{**good, **changed})
         assert _bits(td3) == before
-    assert len(kernel.update(**good)) == 1
+    records, busy = kernel.update(**good)
+    assert len(records) == 1
+    assert not busy
     rows = np.zeros((3, td3.inputs), np.float32)
     for error, named, actor, observations in (
         (ValueError, "observations: expected", vectors[0], rows[:, :-1].copy()),
@@ -371,6 +434,8 @@ def test_binding_refuses_sizes_that_do_not_follow_each_other() -> None:
         "bounds": (-1.0, 1.0),
         "frozen_combined": False,
         "mirror": None,
+        "threads": 1,
+        "room": _navsim.Room(True),
     }
     _navsim.Learner(**good)  # type: ignore[arg-type]
     for changed in (
@@ -393,6 +458,8 @@ def test_binding_refuses_sizes_that_do_not_follow_each_other() -> None:
         {"action_weight": 125},
         {"mirror": ([0] * 9, [1.0] * 10)},
         {"mirror": ([0] * 9 + [10], [1.0] * 10)},
+        {"threads": 0},
+        {"threads": 3},
     ):
         with pytest.raises(ValueError, match="expected"):
             _navsim.Learner(**{**good, **changed})  # type: ignore[arg-type]

@@ -199,9 +199,11 @@ def test_ddpg_runs_too(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["algorithm"] == "ddpg"
 
 
-def test_simulator_threads_never_change_results(tmp_path: Path) -> None:
+@pytest.mark.parametrize("key", ["threads__simulate", "threads__learn"])
+def test_threads_never_change_results(key: str, tmp_path: Path) -> None:
+    fixed = {"threads__simulate": "1", "threads__learn": "1"}
     for threads in ("1", "2"):
-        train(small("fast", threads__simulate=threads), tmp_path / threads, test=False)
+        train(small("fast", **{**fixed, key: threads}), tmp_path / threads, test=False)
     one, two = outcome(tmp_path / "1"), outcome(tmp_path / "2")
     assert one["summary"].pop("threads") != two["summary"].pop("threads")
     assert_same(one, two)

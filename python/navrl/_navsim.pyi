@@ -7,11 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "SATURATED",
+    "Actor",
     "BatchSim",
     "Controller",
     "Learner",
     "Lookahead",
+    "Room",
     "Scenario",
+    "UpdateRecord",
     "check_world",
     "draw_list",
     "isa",
@@ -20,6 +24,9 @@ __all__ = [
     "read_list",
     "shortest_path",
 ]
+
+SATURATED: float
+"""|input of the actor's tanh| beyond which an output counts as saturated: |output| > 0.99, gradient under 0.02."""
 
 class BatchSim:
     def __new__(
@@ -30,6 +37,7 @@ class BatchSim:
         num_threads: int,
         autoreset: bool,
         scenarios: Sequence[Scenario] | None,
+        first: int,
     ) -> Self: ...
     def reset(self, mask: NDArray[np.bool_] | None = None) -> None:
         """Begins the next episode of all robots, or of those whose mask (num_envs,) is true."""
@@ -104,6 +112,51 @@ class Controller:
         """
 
 @final
+class Room:
+    """Whether there is room for a second thread to learn; one thread may say so while another one makes updates."""
+
+    def __new__(cls, free: bool) -> Self: ...
+    def set(self, free: bool) -> None:
+        """Sets it."""
+
+@final
+class UpdateRecord:
+    """What one update tells."""
+
+    @property
+    def critic_loss(self) -> float:
+        """Mean squared error of the critics' values, summed over the critics."""
+    @property
+    def average_q(self) -> float:
+        """Mean value over batch and critics."""
+    @property
+    def maximum_q(self) -> float:
+        """Largest value."""
+    @property
+    def actor_loss(self) -> float:
+        """NaN without an actor step, as the next."""
+    @property
+    def saturated_share(self) -> float:
+        """Share of the actor's outputs beyond `SATURATED`."""
+
+@final
+class Actor:
+    """A trained actor; each layer is (inputs, outputs, place of W, place of b) in its parameters (n,) float32.
+
+    Raises:
+        ValueError: Layers that do not follow each other or lie beyond the parameters.
+    """
+
+    def __new__(cls, places: Sequence[tuple[int, int, int, int]], parameters: NDArray[np.float32]) -> Self: ...
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Actions (n, 2) in [-1, 1] for encoded observations (n, inputs), the same bits for a row in any batch.
+
+        Raises:
+            TypeError: An array of another type.
+            ValueError: Another shape, or not contiguous.
+        """
+
+@final
 class Learner:
     """Updates of the networks of one learner; each layer is (inputs, outputs, place of W, place of b) in its vector.
 
@@ -127,6 +180,8 @@ class Learner:
         bounds: Sequence[float],
         frozen_combined: bool,
         mirror: tuple[Sequence[int], Sequence[float]] | None,
+        threads: int,
+        room: Room,
     ) -> Self: ...
     def update(
         self,
@@ -139,11 +194,11 @@ class Learner:
         indices: NDArray[np.int64],
         mirrored: NDArray[np.bool_],
         noise: NDArray[np.float32],
-    ) -> list[list[float]]:
+    ) -> tuple[list[UpdateRecord], bool]:
         """One update for each batch of indices; `actor` and `critic` are parameters, targets, first and second moments.
 
         Returns:
-            For each update critic_loss, average_q, maximum_q, actor_loss, saturated_share; NaN without an actor step.
+            A record for each update, and whether the next ones are made by one thread because the machine is busy.
 
         Raises:
             ArithmeticError: NaN or infinity.

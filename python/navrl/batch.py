@@ -55,6 +55,8 @@ class BatchSim(_navsim.BatchSim):
         autoreset: True: a step that ends an episode begins the next one in the same call, so that ``observations`` is
             its first. False: a finished robot stays as it is, with reward 0, until ``reset``.
         scenarios: Robot k runs scenario k (modulo their number) instead of drawing one at each reset.
+        first: These are the robots ``first`` to ``first + num_envs - 1`` of a larger simulator and meet what they would
+            meet there; ``scenarios`` are those of this part.
 
     Raises:
         ValueError: A number out of range, or a world that cannot hold the robot.
@@ -69,11 +71,12 @@ class BatchSim(_navsim.BatchSim):
         num_threads: int = 1,
         autoreset: bool = True,
         scenarios: Sequence[Scenario] | None = None,
+        first: int = 0,
     ) -> Self:
         """Sets up the robots and begins their episode 0."""
         text = config_json(SimConfig() if config is None else config)
         given = None if scenarios is None else list(scenarios)
-        return super().__new__(cls, text, num_envs, seed, num_threads, autoreset, given)
+        return super().__new__(cls, text, num_envs, seed, num_threads, autoreset, given, first)
 
 
 def draw_list(config: SimConfig, split: Split, count: int, *, first: int = 0, seed: int = 0) -> list[Scenario]:

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
@@ -27,6 +28,7 @@ from navrl.durable import write_file
 from navrl.machine import cores
 from navrl.metrics import OUTCOMES, RUNNING, Episode, Scores, summarize
 from navrl.motion import Motion
+from navrl.policy import Policy
 from navrl.policy_description import ROBOT_KEYS, SIZES, PolicyDescription, PolicyError
 from navrl.scenarios import ScenarioList, given_list, load_list, robot_radius
 
@@ -119,10 +121,36 @@ def evaluate(
         scenarios = load_list(sim, scenarios, num_threads=threads)
     elif not isinstance(scenarios, ScenarioList):
         scenarios = given_list(scenarios, sim, num_threads=threads)
+    if isinstance(pilot, Policy):
+        return _in_shares(pilot, scenarios, sim, threads)
     return measure(driver(pilot, sim), scenarios, sim, num_threads=threads)
 
 
-def measure(drive: Driver, scenarios: ScenarioList, sim: SimConfig, *, num_threads: int) -> Evaluation:
+def _in_shares(policy: Policy, scenarios: ScenarioList, sim: SimConfig, threads: int) -> Evaluation:
+    """Measures a policy on a share of the list in each thread."""
+
+    def drive_share(share: NDArray[np.intp]) -> Evaluation:
+        first, end, lines = int(share[0]), int(share[-1]) + 1, scenarios.lines
+        kept = replace(
+            scenarios,
+            scenarios=scenarios.scenarios[first:end],
+            shortest=scenarios.shortest[first:end],
+            lines=lines and lines[first:end],
+        )
+        # Threads that ask one and the same policy wait for each other.
+        own = Policy(policy.weights, policy.description)
+        return measure(driver(own, sim), kept, sim, num_threads=1, first=first)
+
+    shares = np.array_split(np.arange(len(scenarios)), min(threads, len(scenarios)))
+    # The limit is the process's: set around all threads, none of them can restore another one's.
+    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(len(shares)) as pool:
+        parts = list(pool.map(drive_share, shares))
+    episodes = [episode for part in parts for episode in part.episodes]
+    tracks = [track for part in parts for track in part.tracks]
+    return Evaluation(summarize(scenarios.name, scenarios.sha256, episodes), episodes, tracks)
+
+
+def measure(drive: Driver, scenarios: ScenarioList, sim: SimConfig, *, num_threads: int, first: int = 0) -> Evaluation:
     """Drives each scenario of a list until it ends.
 
     Args:
@@ -130,6 +158,7 @@ def measure(drive: Driver, scenarios: ScenarioList, sim: SimConfig, *, num_threa
         scenarios: Robot k runs scenario k.
         sim: Robot, lidar and task.
         num_threads: Threads that step the robots.
+        first: Place of the first scenario in the list of which these are a part.
 
     Returns:
         Scores and episodes.
@@ -144,11 +173,12 @@ def measure(drive: Driver, scenarios: ScenarioList, sim: SimConfig, *, num_threa
         num_threads=num_threads,
         autoreset=False,
         scenarios=scenarios.scenarios,
+        first=first,
     )
     motion = Motion(len(scenarios), sim.task.period)
     for moved in steps(drive, simulator, np.arange(len(scenarios))):
         motion.observe(simulator, moved)
-    episodes = _episodes(simulator, motion, scenarios, sim)
+    episodes = _episodes(simulator, motion, scenarios, sim, first)
     return Evaluation(summarize(scenarios.name, scenarios.sha256, episodes), episodes, motion.tracks())
 
 
@@ -272,7 +302,9 @@ def check_same(own: SimConfig, sim: SimConfig, pilot: Pilot, *, apart_from: Sequ
                 raise PolicyError(f"{table}.{key} = {asked}: {made_for} {trained}")
 
 
-def _episodes(simulator: BatchSim, motion: Motion, scenarios: ScenarioList, sim: SimConfig) -> list[Episode]:
+def _episodes(
+    simulator: BatchSim, motion: Motion, scenarios: ScenarioList, sim: SimConfig, first: int
+) -> list[Episode]:
     radius, period, steps = robot_radius(sim), sim.task.period, simulator.episode_steps.tolist()
     # The fields of an episode in their order.
     columns = (
@@ -291,7 +323,7 @@ def _episodes(simulator: BatchSim, motion: Motion, scenarios: ScenarioList, sim:
         motion.turning_share().tolist(),
         [_navsim.needs_detour(scenario, radius) for scenario in scenarios.scenarios],
     )
-    return [Episode(index, *row) for index, row in enumerate(zip(*columns, strict=True))]
+    return [Episode(index, *row) for index, row in enumerate(zip(*columns, strict=True), start=first)]
 
 
 def _clearances(values: NDArray[np.float64]) -> list[float | None]:

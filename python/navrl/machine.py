@@ -48,7 +48,7 @@ class Machine:
     kernel: str
     """What computes the updates: the native kernel or torch."""
     learn_threads: int
-    """Threads of the update."""
+    """Threads of torch's updates; 0 with the native kernel, whose bits do not depend on them."""
     world_sha256: str
     """Hash of the world file; empty for a built-in world."""
 
@@ -58,9 +58,9 @@ class Machine:
         import torch
 
         from navrl import _navsim
-        from navrl.native import kernel_of
+        from navrl.native import kernel_of, learn_threads
 
-        world = Path(config.world.name)
+        world, kernel = Path(config.world.name), kernel_of(config)
         return cls(
             navrl=metadata.version("navrl"),
             torch=torch.__version__,
@@ -68,8 +68,8 @@ class Machine:
             cpu=cpu_model(),
             isa=_navsim.isa(),
             torch_isa=torch.backends.cpu.get_cpu_capability(),
-            kernel=kernel_of(config),
-            learn_threads=config.threads.learn,
+            kernel=kernel,
+            learn_threads=learn_threads(config) if kernel == "torch" else 0,
             world_sha256=hashlib.sha256(world.read_bytes()).hexdigest() if world.suffix else "",
         )
 

@@ -1,13 +1,16 @@
 """Updates and actions on the native kernel, with the draws, tensors and equations of `navrl.td3`.
 
     kernel_of(config) -> "native" | "torch"           what computes the updates of a configuration
+    learn_threads(config) -> int                      in how many threads
     Draws(indices, mirrored, noise)                   what some updates draw
     NativeLearner(...)
-        .update(replay, draws, rates=, updates=) -> a Record for each update
+        .update(replay, draws, rates=, updates=) -> a record for each update
         .act(encoded (N, inputs)) -> (N, 2)
+        .room                                         tells, from any thread, whether a second one may help
 
 Torch's tensors remain the only copy of parameters and moments: the kernel works in their memory, several updates in
-one call. It computes on one thread, without the interpreter's lock. Its results differ from torch's by rounding alone.
+one call, without the interpreter's lock, in one thread or two with the same bits. Its results differ from torch's by
+rounding alone.
 """
 
 from __future__ import annotations
@@ -23,20 +26,24 @@ from torch import Tensor, nn
 
 from navrl import _navsim
 from navrl.config import Config, LearnerConfig
+from navrl.machine import cores
 from navrl.networks import Actor, TwinCritic
 from navrl.replay import NonFiniteError
-from navrl.update_metrics import Record
 
 WORK_PER_CALL = 1_000_000_000
 """Most multiplications of a call, unless one update needs more: some hundredths of a second."""
 
 
 def kernel_of(config: Config) -> Literal["native", "torch"]:
-    """What computes the updates: "auto" is the native kernel, and torch where several threads are to learn."""
-    kernel = config.learner.kernel
-    if kernel == "auto":
-        return "native" if config.threads.learn == 1 else "torch"
-    return kernel
+    """What computes the updates: "auto" is the native kernel."""
+    return "torch" if config.learner.kernel == "torch" else "native"
+
+
+def learn_threads(config: Config) -> int:
+    """Threads of the update: those set, of which the native kernel uses two; by itself two of it and one of torch."""
+    if kernel_of(config) == "torch":
+        return config.threads.learn or 1
+    return min(config.threads.learn or cores(), 2)
 
 
 @dataclass(frozen=True)
@@ -83,6 +90,7 @@ class NativeLearner:
         policy_delay: int,
         bounds: tuple[float, float] | None,
         mirror: tuple[NDArray[np.intp], NDArray[np.float32]] | None,
+        threads: int,
     ) -> None:
         """Takes memory for a batch.
 
@@ -93,6 +101,7 @@ class NativeLearner:
             policy_delay: Updates of the critics per update of the actor and the targets.
             bounds: Of the targets, if they are clipped.
             mirror: Permutation and signs of a row of replay, if rows are mirrored.
+            threads: 1 or 2; never changes results.
         """
         assert isinstance(actor.network, Actor)
         assert isinstance(critic.network, TwinCritic)
@@ -104,6 +113,10 @@ class NativeLearner:
         """Updates that one call should make at most."""
         linears = [*actor.network.hidden, actor.network.output]
         critic_layers = zip(critic.network.weights, critic.network.biases, strict=True)
+        self.room = _navsim.Room(True)
+        """Whether a second thread may help; updates that have begun with it go on so."""
+        self.busy = False
+        """Whether updates are made by one thread for a while, because the machine is busy."""
         self._kernel = _navsim.Learner(
             double=actor.online.dtype == torch.float64,
             actor=[_place(linear.weight, linear.bias) for linear in linears],
@@ -118,11 +131,13 @@ class NativeLearner:
             bounds=bounds or (-inf, inf),
             frozen_combined=not critic.network.action_weight.requires_grad,
             mirror=None if mirror is None else (mirror[0].tolist(), mirror[1].tolist()),
+            threads=threads,
+            room=self.room,
         )
 
     def update(
         self, replay: NDArray[np.float32], draws: Draws, *, rates: tuple[float, float], updates: int
-    ) -> list[Record]:
+    ) -> list[_navsim.UpdateRecord]:
         """Makes the updates of some draws.
 
         Args:
@@ -139,7 +154,7 @@ class NativeLearner:
                 computed from them, for they overflowed; the networks are of no more use then.
         """
         try:
-            rows = self._kernel.update(
+            records, self.busy = self._kernel.update(
                 **self._vectors,
                 rates=rates,
                 steps=(updates // self._policy_delay, updates),
@@ -150,9 +165,9 @@ class NativeLearner:
             )
         except ArithmeticError as error:
             raise NonFiniteError(str(error)) from None
-        updates += len(rows)
+        updates += len(records)
         self._steps[0][()], self._steps[1][()] = updates // self._policy_delay, updates
-        return [Record(*row) for row in rows]
+        return records
 
     def act(self, encoded: NDArray[np.float32]) -> NDArray[np.float32]:
         """The actor's actions.

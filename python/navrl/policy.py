@@ -1,6 +1,7 @@
-"""A trained policy on plain numpy: from observations to actions, from a robot's scan to its command, from and to files.
+"""A trained policy: from observations to actions, from a robot's scan to its command, from and to files.
 
-Imports neither torch nor the simulator, so that evaluation and deployment start at once.
+Its network is computed by the native kernel that acts in training. Imports no torch, so that evaluation and deployment
+start at once.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from navrl import _navsim
 from navrl.durable import sync_folder, write_file
 from navrl.encoding import GOAL_AND_COMMAND, encode_observations
 from navrl.policy_description import SCHEMA, PolicyDescription, PolicyError, digest
@@ -25,11 +27,6 @@ from navrl.rebin import matches, pool_scan
 
 __all__ = ["Policy", "PolicyDescription", "PolicyError", "Weights", "load_policy", "save_policy"]
 
-BLOCK = 16
-"""Observations of one matrix product, side by side in its columns. Shorter requests are padded: BLAS kernels choose
-their instructions by the shape and treat 16 columns alike, so that a row's bits depend on neither its place nor N."""
-CACHED_ROWS = 16 * BLOCK
-"""Observations that go through the layers together: their activations stay in the cache."""
 WEIGHTS_FILE = "actor.safetensors"
 DESCRIPTION_FILE = "policy.json"
 PENDING_SUFFIX = ".new"
@@ -60,10 +57,14 @@ class Policy:
         if names != set(weights):
             raise ValueError(f"tensors: expected {sorted(names)}, got {sorted(weights)}")
         self._layers: list[tuple[NDArray[np.float32], NDArray[np.float32]]] = []
+        places, end = [], 0
         for name, (inputs, outputs) in zip(self._names, itertools.pairwise(sizes), strict=True):
             weight = _tensor(weights, f"{name}.weight", (outputs, inputs))
             bias = _tensor(weights, f"{name}.bias", (outputs,))
             self._layers.append((weight.copy(), bias.copy()))
+            places.append((inputs, outputs, end, end + weight.size))
+            end += weight.size + bias.size
+        self._actor = _navsim.Actor(places, np.concatenate([part.ravel() for layer in self._layers for part in layer]))
 
     @property
     def weights(self) -> dict[str, NDArray[np.float32]]:
@@ -76,8 +77,6 @@ class Policy:
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """Actions for observations (equation 2), the same bits for a row alone as for the row in any batch.
-
-        For the same bits on a machine with any number of cores, keep BLAS at one thread, as `navrl.evaluate` does.
 
         Args:
             observations: (bins + 4,) or (N, bins + 4) float32, raw.
@@ -98,28 +97,9 @@ class Policy:
             bad = np.argwhere(~np.isfinite(np.atleast_2d(rows)))
             if len(bad):
                 raise ValueError(f"observations: row {bad[0][0]}, column {bad[0][1]} is not a finite number")
-        batch = np.atleast_2d(rows)
-        actions = np.empty((len(batch), 2), np.float32)
-        for first in range(0, len(batch), CACHED_ROWS):
-            actions[first : first + CACHED_ROWS] = self._forward(batch[first : first + CACHED_ROWS])
-        return actions.reshape(*rows.shape[:-1], 2)
-
-    def _forward(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
-        blocks = -(-len(rows) // BLOCK)
-        padded = np.zeros((blocks * BLOCK, rows.shape[1]), np.float32)
-        padded[: len(rows)] = rows
-        encoded = encode_observations(padded, self.description.encoding)
-        # (blocks, inputs, BLOCK)
-        values = np.ascontiguousarray(encoded.reshape(blocks, BLOCK, encoded.shape[1]).swapaxes(1, 2))
         # Eq. 8: inputs - hidden relu - ... - 2 tanh
-        for weight, bias in self._layers[:-1]:
-            values = np.matmul(weight, values)
-            values += bias[:, None]
-            np.maximum(values, 0, out=values)
-        weight, bias = self._layers[-1]
-        actions = np.tanh(np.matmul(weight, values) + bias[:, None])
-        flat: NDArray[np.float32] = actions.swapaxes(1, 2).reshape(-1, 2)
-        return flat[: len(rows)]
+        encoded = encode_observations(np.atleast_2d(rows), self.description.encoding)
+        return self._actor.act(np.ascontiguousarray(encoded)).reshape(*rows.shape[:-1], 2)
 
     def command(
         self,

@@ -6,6 +6,7 @@
         .policy -> Actor                           what is evaluated and kept: the averaged actor, or the actor itself
         .policy_weights() -> dict[str, ndarray]    its tensors, copied, by the names of navrl.networks.Actor
         .average_actor()                           once per vector step
+        .make_room(free);  .busy                   of a second thread of updates
         .set_progress(fraction)                    share of the run that is over, for the step sizes
         .state() -> dict[str, ndarray];  .restore(state)
     with flushed_denormals(): ...                  around whatever updates
@@ -27,14 +28,15 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from navrl._navsim import UpdateRecord
 from navrl.config import Config, NetworksConfig
 from navrl.gradients import ActorPass, CriticPass, pack, unpack
-from navrl.native import Draws, NativeLearner, Trained, kernel_of
+from navrl.native import Draws, NativeLearner, Trained, kernel_of, learn_threads
 from navrl.networks import ACTIONS, Actor, TwinCritic, encoded_size, mirror_actions, mirror_encoded
 from navrl.replay import Arrays, NonFiniteError, Replay, row_width
 from navrl.streams import restore_stream, stream, stream_state
 from navrl.target_bounds import target_bounds
-from navrl.update_metrics import Record, UpdateMetrics, native_metrics, torch_metrics
+from navrl.update_metrics import UpdateMetrics, native_metrics, torch_metrics
 
 __all__ = ["BLOCK", "TD3", "UpdateMetrics", "flushed_denormals"]
 
@@ -103,7 +105,8 @@ class TD3:
         self.updates = 0
         self.actor_updates = 0
         self.progress = 0.0
-        self._native = self._native_learner() if kernel_of(config) == "native" else None
+        native = kernel_of(config) == "native"
+        self._native = self._native_learner(learn_threads(config)) if native else None
 
     def _build(self, networks: NetworksConfig, *, num_critics: int, generator: np.random.Generator) -> None:
         """Makes networks, targets, optimisers and the memory of a batch."""
@@ -128,7 +131,7 @@ class TD3:
         self._observations, self._actions, self._successors = columns[:3]
         self._returns, self._bootstrap = columns[3][:, 0], columns[4][:, 0]
 
-    def _native_learner(self) -> NativeLearner:
+    def _native_learner(self, threads: int) -> NativeLearner:
         """The native kernel, to work in the memory of the networks and optimisers."""
         parts = zip(
             (self.actor, self.critic),
@@ -148,7 +151,22 @@ class TD3:
             policy_delay=self.policy_delay,
             bounds=self.bounds,
             mirror=self._mirror,
+            threads=threads,
         )
+
+    def make_room(self, free: bool) -> None:
+        """Tells, from any thread, whether there is a processor for a second thread of updates; at first there is.
+
+        Args:
+            free: True also lets one help with updates that have begun.
+        """
+        if self._native is not None:
+            self._native.room.set(free)
+
+    @property
+    def busy(self) -> bool:
+        """Whether updates are made by one thread for a while, because two have waited for each other."""
+        return self._native is not None and self._native.busy
 
     @property
     def policy(self) -> Actor:
@@ -212,7 +230,7 @@ class TD3:
 
     def _update_natively(self, native: NativeLearner, count: int) -> UpdateMetrics:
         """Makes `count` updates as `update` does, on the native kernel."""
-        records: list[Record] = []
+        records: list[UpdateRecord] = []
         rates = (self.actor_optimizer.param_groups[0]["lr"], self.critic_optimizer.param_groups[0]["lr"])
         for draws in self._draws(count, min(BLOCK, native.updates_per_call)):
             records += native.update(self.replay.rows, draws, rates=rates, updates=self.updates)

@@ -47,6 +47,7 @@ class Training:
             interruption: Tells when to stop.
         """
         self.run, self.log, self.monitor, self.interruption = run, log, monitor, interruption
+        self._said_busy = False
 
     def loop(self) -> None:
         """Makes one move after the other until the run has ended.
@@ -56,7 +57,7 @@ class Training:
             NonFiniteError: NaN or infinity.
         """
         self.run.clock.start()
-        with Beside(self.monitor.line) as self._beside:
+        with Beside(self.monitor.line, self.run.learner.make_room) as self._beside:
             while self._move():
                 pass
 
@@ -142,6 +143,9 @@ class Training:
             metrics = run.learner.update(count)
         run.counts.owed -= count
         run.metrics.add_updates(metrics, count)
+        if run.learner.busy and not self._said_busy:
+            self.monitor.line("the machine is busy: one thread learns for a while, with the same results")
+            self._said_busy = True
 
     def _report(self) -> None:
         """Evaluates when it is time to, and writes a row of metrics."""

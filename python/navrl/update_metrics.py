@@ -2,20 +2,17 @@
 
 UpdateMetrics                                               means over the updates of one call
 torch_metrics(values, errors, actor_losses, outputs); native_metrics(records) -> UpdateMetrics
-Record                                                      one update on the native kernel
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import isnan, nan
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-SATURATED = 2.6466524
-"""|input of the actor's tanh| beyond which an output counts as saturated: |output| > 0.99, gradient under 0.02."""
+from navrl._navsim import SATURATED, UpdateRecord
 
 
 @dataclass(frozen=True)
@@ -34,17 +31,6 @@ class UpdateMetrics:
     """Minus the first critic's mean value of the actor's actions, plus the penalty; NaN without an actor step."""
     saturated_share: float
     """Share of the actor's outputs beyond 0.99 in size; NaN without an actor step."""
-
-
-class Record(NamedTuple):
-    """What one update on the native kernel tells."""
-
-    critic_loss: float
-    average_q: float
-    maximum_q: float
-    actor_loss: float
-    """NaN without an actor step, as the next."""
-    saturated_share: float
 
 
 def torch_metrics(
@@ -69,7 +55,7 @@ def torch_metrics(
     )
 
 
-def native_metrics(records: list[Record]) -> UpdateMetrics:
+def native_metrics(records: list[UpdateRecord]) -> UpdateMetrics:
     """Metrics of the native kernel's updates.
 
     Args:

@@ -3,9 +3,11 @@
 use crate::batch::ACTIONS;
 use crate::error::{Result, expect, expect_size};
 use crate::kernels::Isa;
+use crate::layer::Layer;
 use crate::network::Actor;
+use crate::packed::Packed;
 use crate::real::Real;
-use crate::settings::Settings;
+use crate::settings::check_layers;
 
 /// Observations that pass the network together; as this never changes, neither do the bits of one beside others.
 const ROWS: usize = 64;
@@ -21,10 +23,20 @@ pub struct Acting<T> {
 }
 
 impl<T: Real> Acting<T> {
-    /// Memory for the actor of `settings`, which are checked.
-    pub fn new(settings: &Settings, isa: Isa) -> Self {
-        let observations = vec![T::ZERO; settings.inputs() * ROWS];
-        Self { actor: Actor::new(&settings.actor, ROWS, isa), observations, size: settings.sizes[0] }
+    /// Memory for an actor with these layers, hidden ones and the output, in its packed vector of `size` numbers.
+    ///
+    /// # Errors
+    /// Layers that do not follow each other or lie beyond the vector.
+    pub fn new(layers: &[Layer], size: usize, isa: Isa) -> Result<Self> {
+        expect("layers of the actor", layers.len(), layers.len() >= 2, || "at least 2".into())?;
+        check_layers("actor", layers, size, 1, ACTIONS)?;
+        let observations = vec![T::ZERO; layers[0].inputs * ROWS];
+        Ok(Self { actor: Actor::new(layers, [ROWS; 2], isa), observations, size })
+    }
+
+    /// Numbers in an observation.
+    pub fn inputs(&self) -> usize {
+        self.observations.len() / ROWS
     }
 
     /// Sets `actions` (n, 2) to tanh of the actor's outputs for `observations` (n, inputs), both by rows.
@@ -32,7 +44,7 @@ impl<T: Real> Acting<T> {
     /// # Errors
     /// A slice has another length than the settings imply.
     pub fn act(&mut self, parameters: &[T], observations: &[f32], actions: &mut [f32]) -> Result<()> {
-        let inputs = self.observations.len() / ROWS;
+        let inputs = self.inputs();
         let count = observations.len();
         expect_size("the actor's parameters", parameters.len(), self.size)?;
         expect("numbers in observations", count, count.is_multiple_of(inputs), || format!("a multiple of {inputs}"))?;
@@ -43,7 +55,7 @@ impl<T: Real> Acting<T> {
                     *number = T::of(f64::from(x));
                 }
             }
-            self.actor.forward(parameters, &self.observations);
+            self.actor.forward(Packed::new([parameters, &[]]), &self.observations);
             let (forward, turn) = self.actor.outputs.split_at(ROWS);
             for (action, (v, omega)) in actions.chunks_exact_mut(ACTIONS).zip(forward.iter().zip(turn)) {
                 // Eq. 8: mu(s) = tanh of the output layer

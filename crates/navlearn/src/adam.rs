@@ -33,11 +33,36 @@ impl<T: Real> Step<T> {
     }
 }
 
-/// Adam's moments, as long as the parameters.
+/// A network's packed vectors, or one piece of each: all of one length.
 #[derive(Debug)]
-pub struct Moments<'a, T> {
+pub struct Vectors<'a, T> {
+    /// theta.
+    pub parameters: &'a mut [T],
+    /// theta' of the target network.
+    pub targets: &'a mut [T],
     /// m.
     pub first: &'a mut [T],
     /// v.
     pub second: &'a mut [T],
+}
+
+impl<'a, T> Vectors<'a, T> {
+    /// The numbers of each before a place, and those from it on.
+    ///
+    /// # Panics
+    /// If a vector ends before the place.
+    pub fn split_at(self, place: usize) -> [Self; 2] {
+        let (p, t) = (self.parameters.split_at_mut(place), self.targets.split_at_mut(place));
+        let (m, v) = (self.first.split_at_mut(place), self.second.split_at_mut(place));
+        [
+            Self { parameters: p.0, targets: t.0, first: m.0, second: v.0 },
+            Self { parameters: p.1, targets: t.1, first: m.1, second: v.1 },
+        ]
+    }
+
+    /// The same, borrowed for less time.
+    pub fn borrow(&mut self) -> Vectors<'_, T> {
+        let Self { parameters, targets, first, second } = self;
+        Vectors { parameters, targets, first, second }
+    }
 }

@@ -1,6 +1,6 @@
 //! A batch: rows of replay, drawn by index, with one column for each row drawn.
 
-use crate::kernels::product::{Matrix, transpose};
+use crate::kernels::matrix::{Matrix, transpose};
 use crate::real::Real;
 
 /// Numbers in an action: forward and turn (equation 1).

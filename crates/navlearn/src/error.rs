@@ -16,6 +16,12 @@ pub enum Error {
         /// The size that came.
         got: String,
     },
+    /// The second thread could not be started.
+    #[error("cannot start a second thread to learn: {reason}")]
+    Thread {
+        /// What the system says.
+        reason: String,
+    },
     /// A NaN or an infinity in a row of replay that was drawn.
     #[error("the row in place {row} of replay is not finite in column {column}")]
     Row {

@@ -1,7 +1,9 @@
 //! One dense layer, y = relu(W x + b), in its place in the packed parameters.
 
-use crate::kernels::product::{Matrix, multiply};
+use crate::kernels::matrix::Matrix;
+use crate::kernels::product::{Sum, multiply};
 use crate::kernels::{Isa, bias_relu, through_relu};
+use crate::packed::Packed;
 use crate::real::Real;
 use std::ops::Range;
 
@@ -41,31 +43,67 @@ impl Layer {
     }
 
     /// W x (outputs, batch) for `inputs` x (inputs, batch).
-    pub fn product<T: Real>(self, isa: Isa, parameters: &[T], inputs: &[T], outputs: &mut [T], batch: usize) {
-        let weight = Matrix::by_rows(&parameters[self.weights()], self.inputs);
-        multiply(isa, weight, Matrix::by_rows(inputs, batch), outputs);
+    pub fn product<T: Real>(self, isa: Isa, parameters: Packed<'_, T>, inputs: &[T], outputs: &mut [T], batch: usize) {
+        let [first, second] = parameters.parts(self.weights());
+        let (above, below) = outputs.split_at_mut(first.len() / self.inputs * batch);
+        for (weight, outputs) in [(first, above), (second, below)] {
+            if !weight.is_empty() {
+                let weight = Matrix::by_rows(weight, self.inputs);
+                multiply(isa, weight, Matrix::by_rows(inputs, batch), Sum::Whole, outputs);
+            }
+        }
     }
 
     /// relu(W x + b).
-    pub fn forward<T: Real>(self, isa: Isa, parameters: &[T], inputs: &[T], outputs: &mut [T], batch: usize) {
+    pub fn forward<T: Real>(self, isa: Isa, parameters: Packed<'_, T>, inputs: &[T], outputs: &mut [T], batch: usize) {
         self.product(isa, parameters, inputs, outputs, batch);
-        bias_relu(isa, outputs, &parameters[self.biases()], batch);
+        bias_relu(isa, outputs, parameters.at(self.biases()), batch);
     }
 
-    /// Turns `upper` (outputs, batch) from dL/dy into dL/d(W x + b) and sets the gradient of b.
-    pub fn through_relu<T: Real>(self, isa: Isa, upper: &mut [T], outputs: &[T], gradient: &mut [T], batch: usize) {
-        through_relu(isa, upper, outputs, &mut gradient[self.biases()], batch);
+    /// Turns `upper` (outputs, batch) from dL/dy into dL/d(W x + b) and sets the gradient of b, a sum in two parts.
+    pub fn through_relu<T: Real>(
+        self,
+        isa: Isa,
+        upper: &mut [T],
+        outputs: &[T],
+        gradient: &mut [T],
+        [batch, cut]: [usize; 2],
+    ) {
+        through_relu(isa, upper, outputs, &mut gradient[self.biases()], batch, cut);
     }
 
-    /// Sets the gradient of W from dL/d(W x + b) and x^T (batch, inputs).
-    pub fn weight_gradient<T: Real>(self, isa: Isa, upper: &[T], inputs: Matrix<'_, T>, gradient: &mut [T]) {
+    /// Sets the gradient of W from dL/d(W x + b) and x^T (batch, inputs): the sum over the first `cut` rows of the
+    /// batch plus that over the others.
+    pub fn weight_gradient<T: Real>(
+        self,
+        isa: Isa,
+        upper: &[T],
+        inputs: Matrix<'_, T>,
+        gradient: &mut [T],
+        cut: usize,
+    ) {
         let batch = upper.len() / self.outputs;
-        multiply(isa, Matrix::by_rows(upper, batch), inputs, &mut gradient[self.weights()]);
+        multiply(isa, Matrix::by_rows(upper, batch), inputs, Sum::Parts(cut), &mut gradient[self.weights()]);
     }
 
     /// dL/dx (inputs, batch) from dL/d(W x + b).
-    pub fn input_gradient<T: Real>(self, isa: Isa, parameters: &[T], upper: &[T], lower: &mut [T], batch: usize) {
-        let weight = Matrix::by_rows(&parameters[self.weights()], self.inputs).transposed();
-        multiply(isa, weight, Matrix::by_rows(upper, batch), lower);
+    pub fn input_gradient<T: Real>(
+        self,
+        isa: Isa,
+        parameters: Packed<'_, T>,
+        upper: &[T],
+        lower: &mut [T],
+        batch: usize,
+    ) {
+        let [first, second] = parameters.parts(self.weights());
+        let (above, below) = upper.split_at(first.len() / self.inputs * batch);
+        let mut sum = Sum::Whole;
+        for (weight, upper) in [(first, above), (second, below)] {
+            if !weight.is_empty() {
+                let weight = Matrix::by_rows(weight, self.inputs).transposed();
+                multiply(isa, weight, Matrix::by_rows(upper, batch), sum, lower);
+                sum = Sum::Onto;
+            }
+        }
     }
 }

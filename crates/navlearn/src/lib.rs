@@ -1,40 +1,55 @@
-//! navlearn: the update of TD3 and DDPG (equations 7 to 10) on one thread, on parameters that belong to the caller; and
+//! navlearn: the update of TD3 and DDPG (equations 7 to 10) on parameters that belong to the caller; and
 //! the actor's answers.
 //!
 //! The flow of one update:
 //!
-//! `batch -> network (layer -> kernels) -> update -> adam`
+//! `update -> call (team) -> part (batch, network (layer -> kernels)) -> adam`
 //!
-//! * [`batch`]: rows of replay, drawn by index, mirrored where told, laid out for the networks.
-//! * [`network`]: the actor (equation 8) and the critics (equation 7), forward and back; a [`layer`] is one dense layer
-//!   of them in its place in the packed parameters.
-//! * [`update`]: [`Learner`], targets (equation 9), losses, and how often what is stepped (equation 10).
-//! * [`act`]: the actor's actions for many observations.
-//! * [`settings`]: sizes and options of an update, checked.
-//! * [`adam`]: one step over a packed vector, with the targets' soft update in the same pass.
-//! * [`kernels`]: matrix products and loops over slices, chosen for the processor; [`real`]: f32 and f64.
+//! * `update`: [`Learner`], which checks what comes and makes updates in one thread or two.
+//! * `call`: the phases of an update, and who does which half of them; `team`: how two threads meet.
+//! * `part`: what is computed from some rows of a batch or all: targets (equation 9), losses and gradients.
+//! * `batch`: rows of replay, drawn by index, mirrored where told, laid out for the networks.
+//! * `network`: the actor (equation 8) and the critics (equation 7), forward and back; a `layer` is one dense layer of
+//!   them in its place in the `packed` parameters.
+//! * `adam`: one step over a packed vector, with the targets' soft update (equation 10) in the same pass.
+//! * `act`: the actor's actions for many observations.
+//! * `settings`: sizes and options of an update, checked.
+//! * `kernels`: matrix products and loops over slices, chosen for the processor; `real`: f32 and f64.
 //!
 //! Every matrix is stored by rows with the batch along the columns: a layer's output is (units, batch), its weight
 //! (outputs, inputs), and so it computes Y = relu(W X + b).
 //!
-//! Determinism: the same inputs give the same bits on the same processor, however updates are grouped into calls and
-//! whether or not the caller flushes denormal numbers to zero; with AVX2 and FMA and with AVX-512 they are the same.
-//! Where there is neither, or `NAVRL_ISA` forbids both, products round otherwise.
+//! Determinism: the same inputs give the same bits on the same processor, in one thread or two, however updates are
+//! grouped into calls and whether or not the caller flushes denormal numbers to zero; with AVX2 and FMA and with AVX-512
+//! they are the same. Where there is neither, or `NAVRL_ISA` forbids both, products round otherwise.
+//!
+//! Threads: two halves of a batch give the same bits as the whole, for every sum over its rows is made in two parts
+//! (`part`). What two threads write is theirs by a lock that nobody else wants at that time.
 
 #![deny(unsafe_code)]
 
-pub mod act;
-pub mod adam;
-pub mod batch;
-pub mod error;
-pub mod kernels;
-pub mod layer;
-pub mod network;
-pub mod real;
-pub mod settings;
-pub mod update;
+mod act;
+mod adam;
+mod batch;
+mod call;
+mod error;
+mod kernels;
+mod layer;
+mod network;
+mod packed;
+mod part;
+mod real;
+mod settings;
+mod team;
+mod update;
 
+pub use act::Acting;
+pub use adam::Vectors;
+pub use batch::{ACTIONS, Mirror};
 pub use error::{Error, Result};
+pub use kernels::Isa;
+pub use layer::Layer;
+pub use part::SATURATED;
 pub use real::Real;
 pub use settings::Settings;
-pub use update::{Draws, Learner, Record, Trained};
+pub use update::{Draws, Learner, Record, Trained, Updates};

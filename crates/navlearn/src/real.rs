@@ -23,6 +23,8 @@ pub trait Real:
     /// What is smaller in size is written as 0: far above the subnormal numbers, which slow a processor down and which
     /// some callers flush to zero, and far below what counts beside Adam's epsilon.
     const TINY: Self;
+    /// Half of the largest number: the sum of two that are no larger is finite.
+    const HALF: Self;
 
     /// The nearest number of this type.
     fn of(number: f64) -> Self;
@@ -62,6 +64,7 @@ macro_rules! real {
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
             const TINY: Self = $tiny;
+            const HALF: Self = $type::MAX / 2.0;
 
             #[inline(always)]
             fn of(number: f64) -> Self {

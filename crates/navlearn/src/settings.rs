@@ -33,6 +33,8 @@ pub struct Settings {
     pub mirror: Option<Mirror>,
 }
 
+/// Numbers that are added at a time.
+const SUMMED_TOGETHER: usize = 8;
 /// Largest number of rows of a batch, by common sense.
 const BATCH_MAX: usize = 1 << 20;
 /// Largest number of units of a layer, by common sense.
@@ -42,6 +44,11 @@ impl Settings {
     /// Numbers in an observation.
     pub fn inputs(&self) -> usize {
         self.actor[0].inputs
+    }
+
+    /// Rows of a batch that are summed first: half of them, and so many that whole vectors are summed.
+    pub fn cut(&self) -> usize {
+        self.batch.div_ceil(2).next_multiple_of(SUMMED_TOGETHER).min(self.batch)
     }
 
     /// Refuses what cannot be: sizes that do not follow each other, places beyond a vector.
@@ -65,20 +72,7 @@ impl Settings {
         ];
         for (name, layers, size, count, outputs) in networks {
             expect_size(format!("inputs of the {name}"), layers[0].inputs, self.inputs())?;
-            expect_size(format!("outputs of the {name}"), layers[layers.len() - 1].outputs, outputs)?;
-            for pair in layers.windows(2) {
-                expect_size(format!("inputs of a layer of the {name}"), pair[1].inputs, pair[0].outputs)?;
-            }
-            for layer in layers {
-                for units in [layer.inputs, layer.outputs] {
-                    let fits = (1..=UNITS_MAX).contains(&units);
-                    expect(format!("units of the {name}"), units, fits, || format!("1 to {UNITS_MAX}"))?;
-                }
-                let place = layer.weight.max(layer.bias);
-                expect(format!("place of a layer of the {name}"), place, place < size, || format!("less than {size}"))?;
-                let end = layer.of_critics(count).weights().end.max(layer.of_critics(count).biases().end);
-                expect(format!("end of a layer of the {name}"), end, end <= size, || format!("at most {size}"))?;
-            }
+            check_layers(name, layers, size, count, outputs)?;
         }
         let place = self.action_weight;
         expect("place of W_a", place, place < self.sizes[1], || format!("less than {}", self.sizes[1]))?;
@@ -92,4 +86,27 @@ impl Settings {
             expect("a column of the mirror", farthest, farthest < width, || format!("less than {width}"))
         })
     }
+}
+
+/// Refuses layers that do not follow each other, end in another number of `outputs`, or lie beyond the `size` numbers of
+/// their vector, in which `count` networks of them lie.
+///
+/// # Errors
+/// Names what does not fit.
+pub fn check_layers(name: &str, layers: &[Layer], size: usize, count: usize, outputs: usize) -> Result<()> {
+    expect_size(format!("outputs of the {name}"), layers.last().map_or(0, |layer| layer.outputs), outputs)?;
+    for pair in layers.windows(2) {
+        expect_size(format!("inputs of a layer of the {name}"), pair[1].inputs, pair[0].outputs)?;
+    }
+    for layer in layers {
+        for units in [layer.inputs, layer.outputs] {
+            let fits = (1..=UNITS_MAX).contains(&units);
+            expect(format!("units of the {name}"), units, fits, || format!("1 to {UNITS_MAX}"))?;
+        }
+        let place = layer.weight.max(layer.bias);
+        expect(format!("place of a layer of the {name}"), place, place < size, || format!("less than {size}"))?;
+        let end = layer.of_critics(count).weights().end.max(layer.of_critics(count).biases().end);
+        expect(format!("end of a layer of the {name}"), end, end <= size, || format!("at most {size}"))?;
+    }
+    Ok(())
 }

@@ -1,26 +1,27 @@
 //! The update of TD3, with DDPG as its one-critic case (equations 9 and 10).
 
 use crate::act::Acting;
-use crate::adam::{Moments, Step};
-use crate::batch::{ACTIONS, Batch, width};
+use crate::adam::Vectors;
+use crate::batch::{ACTIONS, width};
+use crate::call::Call;
 use crate::error::{Error, Result, expect, expect_size};
-use crate::kernels::{Isa, adam, adam_and_follow, all_finite, rows_finite};
-use crate::network::{Actor, Critics};
+use crate::kernels::product::in_order;
+use crate::kernels::{Isa, all_finite, rows_finite};
+use crate::packed;
+use crate::part::Part;
 use crate::real::Real;
 use crate::settings::Settings;
+use crate::team::{Patience, Team};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use std::sync::RwLock;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
-/// |input of the actor's tanh| beyond which an output counts as saturated: |output| > 0.99.
-const SATURATED: f64 = 2.646_652_4;
-
-/// The vectors of a network and its target, which an update changes.
+/// A network and its target, which updates change.
 #[derive(Debug)]
 pub struct Trained<'a, T> {
-    /// The parameters.
-    pub parameters: &'a mut [T],
-    /// Parameters of the target network.
-    pub targets: &'a mut [T],
-    /// Adam's moments.
-    pub moments: Moments<'a, T>,
+    /// The packed vectors.
+    pub vectors: Vectors<'a, T>,
     /// Adam's step size.
     pub rate: f64,
     /// Adam's steps so far.
@@ -42,6 +43,19 @@ pub struct Draws<'a> {
     pub noise: &'a [f32],
 }
 
+impl Draws<'_> {
+    /// Those of one update with `batch` rows.
+    pub(crate) fn of_update(self, update: usize, batch: usize) -> Self {
+        let rows = update * batch..(update + 1) * batch;
+        Self {
+            indices: &self.indices[rows.clone()],
+            mirrored: &self.mirrored[rows.clone()],
+            noise: &self.noise[ACTIONS * rows.start..ACTIONS * rows.end],
+            ..self
+        }
+    }
+}
+
 /// What one update tells.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Record {
@@ -55,51 +69,56 @@ pub struct Record {
     pub actor: Option<[f64; 2]>,
 }
 
+/// What some updates tell.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Updates {
+    /// One for each.
+    pub records: Vec<Record>,
+    /// Whether two threads have waited so long for each other that the next updates are made by one.
+    pub busy: bool,
+}
+
 /// Makes updates: sizes, settings and memory of one batch.
 #[derive(Debug)]
 pub struct Learner<T> {
     settings: Settings,
     isa: Isa,
-    batch: Batch<T>,
-    actor: Actor<T>,
-    critics: Critics<T>,
-    /// (2, batch) actions of the actor or its target, and dL/d of what they come from.
-    actions: Vec<T>,
-    action_upper: Vec<T>,
-    /// (batch) y of equation 9.
-    targets: Vec<T>,
-    /// (critics, batch) dL/dQ.
-    value_upper: Vec<T>,
-    actor_gradient: Vec<T>,
-    critic_gradient: Vec<T>,
-    /// Where the actor's update leaves what it does not need.
-    spare_gradient: Vec<T>,
+    /// Where the second pieces of actor and critics begin.
+    cuts: [usize; 2],
+    whole: RwLock<Part<T>>,
+    /// The two halves of the batch, where a second thread may help.
+    halves: Vec<RwLock<Part<T>>>,
+    /// The thread that helps.
+    pool: Option<ThreadPool>,
+    /// Whose thread that is: a fork takes only the calling one along.
+    process: u32,
+    patience: Patience,
     acting: Acting<T>,
 }
 
 impl<T: Real> Learner<T> {
-    /// Takes memory for one batch.
+    /// Takes memory for one batch, and starts a second thread where there are to be two and both halves have rows.
     ///
     /// # Errors
-    /// Those of [`Settings::check`].
-    pub fn new(settings: Settings, isa: Isa) -> Result<Self> {
+    /// Those of [`Settings::check`]; other than 1 or 2 threads, or a thread that does not start.
+    pub fn new(settings: Settings, threads: usize, isa: Isa) -> Result<Self> {
         settings.check()?;
-        let (batch, inputs) = (settings.batch, settings.inputs());
-        let Settings { actor, critic, action_weight, frozen_combined, critics: count, .. } = settings.clone();
+        expect("threads", threads, (1..=2).contains(&threads), || "1 or 2".into())?;
+        let (batch, cut) = (settings.batch, settings.cut());
+        let part = |rows| RwLock::new(Part::new(&settings, rows, isa));
+        let two = threads == 2 && cut < batch;
+        let start = || ThreadPoolBuilder::new().num_threads(1).thread_name(|_| "navlearn".into()).build();
+        let pool = two.then(start).transpose().map_err(|e| Error::Thread { reason: e.to_string() })?;
         Ok(Self {
-            batch: Batch::new(inputs, batch),
-            actor: Actor::new(&actor, batch, isa),
-            critics: Critics::new(critic, action_weight, frozen_combined, count, batch, isa),
-            actions: vec![T::ZERO; ACTIONS * batch],
-            action_upper: vec![T::ZERO; ACTIONS * batch],
-            targets: vec![T::ZERO; batch],
-            value_upper: vec![T::ZERO; count * batch],
-            actor_gradient: vec![T::ZERO; settings.sizes[0]],
-            critic_gradient: vec![T::ZERO; settings.sizes[1]],
-            spare_gradient: vec![T::ZERO; settings.sizes[1]],
-            acting: Acting::new(&settings, isa),
-            settings,
             isa,
+            cuts: if in_order(isa) { cuts(&settings) } else { settings.sizes },
+            whole: part(0..batch),
+            halves: if two { vec![part(0..cut), part(cut..batch)] } else { Vec::new() },
+            pool,
+            process: std::process::id(),
+            patience: Patience::default(),
+            acting: Acting::new(&settings.actor, settings.sizes[0], isa)?,
+            settings,
         })
     }
 
@@ -113,137 +132,45 @@ impl<T: Real> Learner<T> {
         &mut self.acting
     }
 
-    /// Makes one update for each row of `draws.indices`.
+    /// Makes one update for each row of `draws.indices`; a second thread helps from the time when `room` is true.
     ///
     /// # Errors
     /// A number is not finite, a slice has another length than the settings imply, a row to mirror has no mirror, or an
     /// index is beyond replay; see [`Error`] for what has changed then.
     pub fn update(
         &mut self,
-        actor: &mut Trained<'_, T>,
-        critics: &mut Trained<'_, T>,
+        actor: Trained<'_, T>,
+        critics: Trained<'_, T>,
         draws: Draws<'_>,
-    ) -> Result<Vec<Record>> {
-        self.check(actor, critics, draws)?;
-        let batch = self.settings.batch;
-        let draws_of_updates = draws
-            .indices
-            .chunks_exact(batch)
-            .zip(draws.mirrored.chunks_exact(batch))
-            .zip(draws.noise.chunks_exact(ACTIONS * batch));
-        draws_of_updates
-            .map(|((indices, mirrored), noise)| {
-                self.batch.gather(draws.replay, indices, mirrored, self.settings.mirror.as_ref());
-                self.set_targets(actor.targets, critics.targets, noise);
-                // Eq. 10: the actor and the targets move once in policy_delay updates.
-                let moves_targets = (critics.steps + 1).is_multiple_of(self.settings.policy_delay);
-                let mut record = self.update_critics(critics, moves_targets)?;
-                if moves_targets {
-                    record.actor = Some(self.update_actor(actor, critics)?);
-                }
-                Ok(record)
-            })
-            .collect()
-    }
-
-    /// y of equation 9.
-    fn set_targets(&mut self, actor: &[T], critics: &[T], noise: &[f32]) {
-        // Eq. 9: y = R + gamma^m (1 - terminated) min(Q1', Q2')(s', clip(mu'(s') + clip(N(0, sigma), +-c), +-1))
-        let batch = self.settings.batch;
-        self.actor.forward(actor, self.batch.successors());
-        for (k, (actions, outputs)) in
-            self.actions.chunks_exact_mut(batch).zip(self.actor.outputs.chunks_exact(batch)).enumerate()
-        {
-            for ((action, output), noise) in actions.iter_mut().zip(outputs).zip(noise.chunks_exact(ACTIONS)) {
-                *action = (output.tanh() + T::of(f64::from(noise[k]))).within(-T::ONE, T::ONE);
-            }
-        }
-        self.critics.forward(critics, self.batch.successors(), &self.actions, self.settings.critics);
-        let [low, high] = self.settings.bounds.map(T::of);
-        let (first, second) = self.critics.outputs.split_at(batch);
-        let second = if second.is_empty() { first } else { second };
-        let rows = self.batch.returns().iter().zip(self.batch.bootstrap());
-        for ((target, (&reward, &bootstrap)), (&a, &b)) in
-            self.targets.iter_mut().zip(rows).zip(first.iter().zip(second))
-        {
-            // Of two values of which one is NaN, the sum is NaN too.
-            let least = if a < b {
-                a
-            } else if b <= a {
-                b
-            } else {
-                a + b
-            };
-            *target = (reward + bootstrap * least).within(low, high);
-        }
-    }
-
-    /// One step of the critics, and of their targets where it is time.
-    fn update_critics(&mut self, critics: &mut Trained<'_, T>, moves_targets: bool) -> Result<Record> {
-        let Settings { batch, critics: count, tau, .. } = self.settings;
-        let overflow = Error::Critics { update: critics.steps + 1 };
-        self.critics.forward(critics.parameters, self.batch.observations(), self.batch.actions(), count);
-        let (mut loss, mut sum, mut maximum) = (0.0, 0.0, f64::NEG_INFINITY);
-        // L = sum over the critics of the mean over the batch of (Q - y)^2, so dL/dQ = 2 (Q - y) / B
-        let factor = T::of(2.0 / batch as f64);
-        let targets = self.targets.iter().cycle();
-        for ((upper, &q), &y) in self.value_upper.iter_mut().zip(&self.critics.outputs).zip(targets) {
-            let error = q - y;
-            *upper = error * factor;
-            loss += error.wide() * error.wide();
-            sum += q.wide();
-            maximum = q.wide().max(maximum);
-        }
-        if !all_finite(self.isa, &self.value_upper) {
-            return Err(overflow);
-        }
-        let gradient = &mut self.critic_gradient;
-        let (observations, actions) = (self.batch.observation_rows(), self.batch.actions());
-        self.critics.backward(critics.parameters, observations, actions, &self.value_upper, gradient);
-        if !all_finite(self.isa, gradient) {
-            return Err(overflow);
-        }
-        critics.step(self.isa, gradient, moves_targets.then(|| T::of(tau)));
-        let record = Record {
-            critic_loss: loss / batch as f64,
-            average_q: sum / (count * batch) as f64,
-            maximum_q: maximum,
-            actor: None,
+        room: &AtomicBool,
+    ) -> Result<Updates> {
+        self.check(&actor, &critics, draws)?;
+        let Self { settings, isa, cuts, whole, halves, pool, process, patience, .. } = self;
+        let count = draws.indices.len() / settings.batch;
+        let parts = [std::slice::from_ref(&*whole), &**halves];
+        let call = Call::new(settings, *isa, draws, [actor, critics], *cuts, parts);
+        let (team, mut waited) = (Team::default(), Duration::ZERO);
+        let Some(pool) = pool.as_ref().filter(|_| !patience.exhausted() && *process == std::process::id()) else {
+            let records = (0..count).map(|update| call.lead(update, &team, &mut waited)).collect::<Result<_>>()?;
+            patience.note(count as u64, Duration::ZERO, Duration::ZERO);
+            return Ok(Updates { records, busy: patience.exhausted() });
         };
-        Ok(record)
-    }
-
-    /// One step of the actor and its target; returns its loss and the share of saturated outputs before it.
-    fn update_actor(&mut self, actor: &mut Trained<'_, T>, critics: &Trained<'_, T>) -> Result<[f64; 2]> {
-        let Settings { batch, tau, pretanh_penalty, .. } = self.settings;
-        let overflow = Error::Actor { update: critics.steps };
-        self.actor.forward(actor.parameters, self.batch.observations());
-        for (action, output) in self.actions.iter_mut().zip(&self.actor.outputs) {
-            *action = output.tanh();
+        let mut begun = None;
+        let records = pool.in_place_scope(|scope| {
+            let _end = team.until_dropped();
+            let one_update = |update| {
+                if begun.is_none() && room.load(Ordering::Relaxed) {
+                    begun = Some((update, Instant::now()));
+                    scope.spawn(|_| team.help(|phase| call.help(phase)));
+                }
+                call.lead(update, &team, &mut waited)
+            };
+            (0..count).map(one_update).collect::<Result<_>>()
+        })?;
+        if let Some((first, start)) = begun {
+            patience.note((count - first) as u64, start.elapsed(), waited);
         }
-        self.critics.forward(critics.parameters, self.batch.observations(), &self.actions, 1);
-        // L = mean of -Q1(s, mu(s)) + penalty * mean of z^2 with mu = tanh(z), where the penalty keeps tanh from
-        // saturating; so dL/dz = -dQ1/da (1 - mu^2) / B + penalty * z / B, with two outputs z a row
-        let share = 1.0 / batch as f64;
-        let upper = &mut self.value_upper[..batch];
-        upper.fill(T::of(-share));
-        self.critics.action_gradient(critics.parameters, upper, &mut self.spare_gradient, &mut self.action_upper);
-        let penalty = T::of(pretanh_penalty * share);
-        let (mut squares, mut saturated) = (0.0, 0.0);
-        for ((upper, &action), &z) in self.action_upper.iter_mut().zip(&self.actions).zip(&self.actor.outputs) {
-            *upper = *upper * (T::ONE - action * action) + penalty * z;
-            squares += z.wide() * z.wide();
-            saturated += f64::from(z.wide().abs() > SATURATED);
-        }
-        let value: f64 = self.critics.outputs[..batch].iter().map(|q| q.wide()).sum();
-        let gradient = &mut self.actor_gradient;
-        self.actor.backward(actor.parameters, self.batch.observation_rows(), &self.action_upper, gradient);
-        if !value.is_finite() || !all_finite(self.isa, &self.action_upper) || !all_finite(self.isa, gradient) {
-            return Err(overflow);
-        }
-        actor.step(self.isa, gradient, Some(T::of(tau)));
-        let outputs = (ACTIONS * batch) as f64;
-        Ok([pretanh_penalty * squares / outputs - value * share, saturated / outputs])
+        Ok(Updates { records, busy: patience.exhausted() })
     }
 
     /// Refuses sizes that do not fit, and names the first number that is not finite.
@@ -254,7 +181,7 @@ impl<T: Real> Learner<T> {
         {
             let rate = trained.rate;
             expect(format!("the {network}'s rate"), rate, rate >= 0.0 && rate.is_finite(), || "at least 0".into())?;
-            for (vector, numbers) in trained.vectors() {
+            for (vector, numbers) in trained.vectors.named() {
                 expect_size(format!("the {network}'s {vector}"), numbers.len(), size)?;
                 if !all_finite(self.isa, numbers) {
                     let place = numbers.iter().position(|x| !x.finite()).unwrap_or_default();
@@ -285,24 +212,130 @@ impl<T: Real> Learner<T> {
     }
 }
 
-impl<T: Real> Trained<'_, T> {
-    /// One step of Adam, and with `tau` the soft update of the targets.
-    fn step(&mut self, isa: Isa, gradient: &[T], tau: Option<T>) {
-        self.steps += 1;
-        let step = Step::new(self.rate, self.steps);
-        let moments = Moments { first: self.moments.first, second: self.moments.second };
-        match tau {
-            Some(tau) => adam_and_follow(isa, step, gradient, moments, self.parameters, self.targets, tau),
-            None => adam(isa, step, gradient, moments, self.parameters),
-        }
-    }
+/// Where the second pieces of the packed vectors of actor and critics begin.
+fn cuts(settings: &Settings) -> [usize; 2] {
+    let networks = [(&settings.actor, 1), (&settings.critic, settings.critics)];
+    let cut = |(layers, count): (&Vec<_>, _), size| packed::cut(&layers[..layers.len() - 1], count, size);
+    [cut(networks[0], settings.sizes[0]), cut(networks[1], settings.sizes[1])]
+}
 
-    fn vectors(&self) -> [(&'static str, &[T]); 4] {
+impl<T> Vectors<'_, T> {
+    fn named(&self) -> [(&'static str, &[T]); 4] {
         [
             ("parameters", self.parameters),
             ("targets", self.targets),
-            ("first moments", self.moments.first),
-            ("second moments", self.moments.second),
+            ("first moments", self.first),
+            ("second moments", self.second),
         ]
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::layer::Layer;
+
+    const INPUTS: usize = 5;
+    const ROWS: usize = 50;
+
+    fn numbers(count: usize, seed: f64) -> Vec<f32> {
+        (0..count).map(|i| (seed + 2.3 * i as f64).sin() as f32 * 0.5).collect()
+    }
+
+    /// Layers one after the other, each with its weights and biases of `count` networks.
+    fn layers(units: &[usize], count: usize, end: &mut usize) -> Vec<Layer> {
+        let mut place = |size: usize| {
+            *end += count * size;
+            *end - count * size
+        };
+        let pairs = units.windows(2).map(|pair| (pair[0], pair[1]));
+        pairs
+            .map(|(inputs, outputs)| Layer { inputs, outputs, weight: place(inputs * outputs), bias: place(outputs) })
+            .collect()
+    }
+
+    fn settings(batch: usize, critics: usize) -> Settings {
+        let (mut actor_end, mut critic_end) = (0, critics * ACTIONS * 18);
+        Settings {
+            actor: layers(&[INPUTS, 21, 18, ACTIONS], 1, &mut actor_end),
+            critic: layers(&[INPUTS, 21, 18, 1], critics, &mut critic_end),
+            action_weight: 0,
+            critics,
+            batch,
+            sizes: [actor_end, critic_end],
+            policy_delay: 2,
+            tau: 0.1,
+            pretanh_penalty: 0.01,
+            bounds: [-3.0, 3.0],
+            frozen_combined: false,
+            mirror: None,
+        }
+    }
+
+    /// What `made` makes of networks in `count` updates of a learner with two threads.
+    fn state(
+        settings: &Settings,
+        count: usize,
+        made: impl FnOnce(&mut Learner<f32>, [Trained<'_, f32>; 2], Draws<'_>) -> Vec<Record>,
+    ) -> (Vec<Vec<f32>>, Vec<Record>) {
+        let mut learner = Learner::new(settings.clone(), 2, Isa::detect()).unwrap();
+        let vectors = |size, seed| [numbers(size, seed), numbers(size, seed + 0.1), vec![0.0; size], vec![0.0; size]];
+        let mut networks = [vectors(settings.sizes[0], 0.1), vectors(settings.sizes[1], 0.7)];
+        let trained = networks.each_mut().map(|[parameters, targets, first, second]| Trained {
+            vectors: Vectors { parameters, targets, first, second },
+            rate: 1e-2,
+            steps: 0,
+        });
+        let width = width(INPUTS);
+        let (replay, noise) = (numbers(ROWS * width, 0.3), numbers(count * settings.batch * ACTIONS, 0.9));
+        let indices: Vec<i64> = (0..count * settings.batch).map(|i| (i * 17 % ROWS) as i64).collect();
+        let mirrored = vec![false; indices.len()];
+        let draws = Draws { replay: &replay, width, indices: &indices, mirrored: &mirrored, noise: &noise };
+        let records = made(&mut learner, trained, draws);
+        (networks.concat(), records)
+    }
+
+    /// Every update in halves, which a helper and its leader or the leader alone go through; and every one as a whole.
+    #[test]
+    fn halves_give_the_bits_of_the_whole() {
+        const COUNT: usize = 30;
+        for (batch, critics) in [(96, 2), (45, 2), (9, 1), (40, 1)] {
+            let settings = settings(batch, critics);
+            let alone = state(&settings, COUNT, |learner, [actor, critics], draws| {
+                learner.update(actor, critics, draws, &AtomicBool::new(false)).unwrap().records
+            });
+            let in_halves = |helps: bool| {
+                state(&settings, COUNT, |learner, networks, draws| {
+                    let parts = [std::slice::from_ref(&learner.whole), &learner.halves[..]];
+                    let call = Call::new(&learner.settings, learner.isa, draws, networks, learner.cuts, parts);
+                    let (team, mut waited) = (Team::joined(), Duration::ZERO);
+                    std::thread::scope(|scope| {
+                        let _end = team.until_dropped();
+                        if helps {
+                            scope.spawn(|| team.help(|phase| call.help(phase)));
+                        }
+                        (0..COUNT).map(|update| call.lead(update, &team, &mut waited).unwrap()).collect()
+                    })
+                })
+            };
+            assert!(in_halves(false) == alone && in_halves(true) == alone, "batch {batch}, {critics} critics");
+        }
+    }
+
+    #[test]
+    fn an_exhausted_patience_leaves_one_thread_with_the_same_bits_and_is_told() {
+        let settings = settings(40, 2);
+        let made = |exhausted: bool| {
+            state(&settings, 20, |learner, [actor, critics], draws| {
+                if exhausted {
+                    learner.patience.note(Patience::WINDOW, Duration::from_secs(2), Duration::from_secs(1));
+                }
+                let updates = learner.update(actor, critics, draws, &AtomicBool::new(true)).unwrap();
+                assert_eq!(updates.busy, exhausted);
+                updates.records
+            })
+        };
+        assert!(made(true) == made(false));
     }
 }

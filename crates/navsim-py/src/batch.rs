@@ -58,13 +58,16 @@ impl BatchSim {
         num_threads: &Bound<'_, PyAny>,
         autoreset: bool,
         scenarios: Option<Vec<PyRef<'_, Scenario>>>,
+        first: &Bound<'_, PyAny>,
     ) -> PyResult<Self> {
+        let first = whole("first", first, 0..=ROBOTS_MAX as u64)? as usize;
         let num_envs = whole("num_envs", num_envs, 1..=ROBOTS_MAX as u64)? as usize;
         let seed = whole("seed", seed, 0..=u64::MAX)?;
         let num_threads = whole("num_threads", num_threads, 1..=THREADS_MAX as u64)? as usize;
         let config = SimConfig::from_json(config).map_err(refusal)?;
         let scenarios = scenarios.map(|list| list.iter().map(|s| s.core.clone()).collect());
-        let core = py.detach(|| navsim::BatchSim::new(config, num_envs, seed, num_threads, autoreset, scenarios));
+        let part = || navsim::BatchSim::part(config, num_envs, seed, num_threads, autoreset, scenarios, first);
+        let core = py.detach(part);
         Ok(Self { core: core.map_err(refusal)?, actions: Vec::new(), mask: Vec::new() })
     }
 

@@ -1,10 +1,8 @@
 //! The learner's updates for Python.
 
+use crate::actor::answers;
 use crate::arguments::{copy_mask, refusal};
-use navlearn::adam::Moments;
-use navlearn::batch::{ACTIONS, Mirror};
-use navlearn::layer::Layer;
-use navlearn::{Draws, Error, Real, Record, Settings, Trained};
+use navlearn::{Draws, Error, Layer, Mirror, Real, Record, Settings, Trained, Updates, Vectors};
 use numpy::ndarray::Dimension;
 use numpy::{
     Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,
@@ -13,11 +11,42 @@ use numpy::{
 use pyo3::exceptions::{PyArithmeticError, PyValueError};
 use pyo3::prelude::*;
 use std::ops::Range;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Whether there is room for a second thread to learn; one thread may say so while another one makes updates.
+#[pyclass(module = "navrl._navsim", frozen)]
+pub struct Room(Arc<AtomicBool>);
+
+#[pymethods]
+impl Room {
+    #[new]
+    fn new(free: bool) -> Self {
+        Self(Arc::new(AtomicBool::new(free)))
+    }
+
+    /// Sets it.
+    fn set(&self, free: bool) {
+        self.0.store(free, Ordering::Relaxed);
+    }
+}
+
+/// What one update tells.
+#[pyclass(module = "navrl._navsim", frozen, get_all)]
+pub struct UpdateRecord {
+    critic_loss: f64,
+    average_q: f64,
+    maximum_q: f64,
+    /// NaN without an actor step, as the next.
+    actor_loss: f64,
+    saturated_share: f64,
+}
 
 /// Updates of the networks of one learner; see navrl.native.
 #[pyclass(module = "navrl._navsim")]
 pub struct Learner {
     core: Core,
+    room: Arc<AtomicBool>,
     /// Which rows of the present call are mirrored.
     mirrored: Vec<bool>,
 }
@@ -28,20 +57,17 @@ enum Core {
 }
 
 /// Parameters, targets and Adam's two moments of a network.
-type Vectors<'py, T> = [Bound<'py, PyArray1<T>>; 4];
+type Arrays<'py, T> = [Bound<'py, PyArray1<T>>; 4];
 
 /// (inputs, outputs, place of W, place of b) of a layer.
-type Place = (usize, usize, usize, usize);
+pub(crate) type Place = (usize, usize, usize, usize);
 
-/// A row for each update: critic_loss, average_q, maximum_q, actor_loss, saturated_share; NaN without an actor step.
-type Rows = Vec<[f64; 5]>;
-
-fn layers(places: Vec<Place>) -> Vec<Layer> {
+pub(crate) fn layers(places: Vec<Place>) -> Vec<Layer> {
     places.into_iter().map(|(inputs, outputs, weight, bias)| Layer { inputs, outputs, weight, bias }).collect()
 }
 
 /// The Python exception of a refusal: ValueError for sizes, ArithmeticError for NaN and infinity.
-fn stopped(error: Error) -> PyErr {
+pub(crate) fn stopped(error: Error) -> PyErr {
     match error {
         Error::Size { .. } => PyValueError::new_err(error.to_string()),
         _ => PyArithmeticError::new_err(error.to_string()),
@@ -76,11 +102,14 @@ fn refuse_overlap<T: Element>(vectors: &[&Bound<'_, PyArray1<T>>], read: [Range<
 }
 
 /// The numbers of an array that is stored row by row.
-fn numbers<'a, T: Element, D: Dimension>(name: &str, array: &'a PyReadonlyArray<'_, T, D>) -> PyResult<&'a [T]> {
+pub(crate) fn numbers<'a, T: Element, D: Dimension>(
+    name: &str,
+    array: &'a PyReadonlyArray<'_, T, D>,
+) -> PyResult<&'a [T]> {
     array.as_slice().map_err(|_| PyValueError::new_err(format!("{name}: expected a C-contiguous array")))
 }
 
-fn borrowed<'py, T: Element>(arrays: &Vectors<'py, T>) -> PyResult<Vec<PyReadwriteArray1<'py, T>>> {
+fn borrowed<'py, T: Element>(arrays: &Arrays<'py, T>) -> PyResult<Vec<PyReadwriteArray1<'py, T>>> {
     let borrow = |array: &Bound<'py, PyArray1<T>>| array.try_readwrite();
     arrays.iter().map(borrow).collect::<Result<_, _>>().map_err(|e| PyValueError::new_err(format!("vectors: {e}")))
 }
@@ -92,8 +121,8 @@ fn trained<'a, T: Element>(
 ) -> PyResult<Trained<'a, T>> {
     let mut slices = borrowed.iter_mut().map(|array| array.as_slice_mut().map_err(PyErr::from));
     let mut next = || slices.next().unwrap_or_else(|| Err(PyValueError::new_err("vectors: expected 4")));
-    let (parameters, targets, first, second) = (next()?, next()?, next()?, next()?);
-    Ok(Trained { parameters, targets, moments: Moments { first, second }, rate, steps })
+    let vectors = Vectors { parameters: next()?, targets: next()?, first: next()?, second: next()? };
+    Ok(Trained { vectors, rate, steps })
 }
 
 fn update<T: Real + Element>(
@@ -103,19 +132,23 @@ fn update<T: Real + Element>(
     rates: [f64; 2],
     steps: [u64; 2],
     draws: Draws<'_>,
-) -> PyResult<Rows> {
-    let (actor, critic): (Vectors<'_, T>, Vectors<'_, T>) = (actor.extract()?, critic.extract()?);
+    room: &AtomicBool,
+) -> PyResult<(Vec<UpdateRecord>, bool)> {
+    let (actor, critic): (Arrays<'_, T>, Arrays<'_, T>) = (actor.extract()?, critic.extract()?);
     let read = [place(draws.replay), place(draws.indices), place(draws.noise)];
     refuse_overlap(&actor.iter().chain(&critic).collect::<Vec<_>>(), read)?;
     let (mut actor, mut critic) = (borrowed(&actor)?, borrowed(&critic)?);
-    let mut actor = trained(&mut actor, rates[0], steps[0])?;
-    let mut critic = trained(&mut critic, rates[1], steps[1])?;
-    let records = py.detach(|| core.update(&mut actor, &mut critic, draws)).map_err(stopped)?;
-    let row = |Record { critic_loss, average_q, maximum_q, actor }: Record| {
+    let actor = trained(&mut actor, rates[0], steps[0])?;
+    let critic = trained(&mut critic, rates[1], steps[1])?;
+    let Updates { records, busy } = py.detach(|| core.update(actor, critic, draws, room)).map_err(stopped)?;
+    Ok((records.into_iter().map(UpdateRecord::from).collect(), busy))
+}
+
+impl From<Record> for UpdateRecord {
+    fn from(Record { critic_loss, average_q, maximum_q, actor }: Record) -> Self {
         let [actor_loss, saturated_share] = actor.unwrap_or([f64::NAN; 2]);
-        [critic_loss, average_q, maximum_q, actor_loss, saturated_share]
-    };
-    Ok(records.into_iter().map(row).collect())
+        Self { critic_loss, average_q, maximum_q, actor_loss, saturated_share }
+    }
 }
 
 fn act<'py, T: Real + Element>(
@@ -125,24 +158,15 @@ fn act<'py, T: Real + Element>(
     observations: &PyReadonlyArray2<'py, f32>,
 ) -> PyResult<Bound<'py, PyArray2<f32>>> {
     let actor: PyReadonlyArray1<'py, T> = actor.extract()?;
-    let (parameters, rows) = (numbers("actor", &actor)?, numbers("observations", observations)?);
-    let (inputs, width) = (core.settings().inputs(), observations.shape()[1]);
-    if width != inputs {
-        return Err(PyValueError::new_err(format!("observations: expected {inputs} columns, got {width}")));
-    }
-    let actions = PyArray2::zeros(py, [observations.shape()[0], ACTIONS], false);
-    let mut borrowed = actions.readwrite();
-    let result = borrowed.as_slice_mut()?;
-    py.detach(|| core.acting().act(parameters, rows, result)).map_err(stopped)?;
-    drop(borrowed);
-    Ok(actions)
+    let (parameters, acting) = (numbers("actor", &actor)?, core.acting());
+    answers(py, acting.inputs(), observations, |rows, actions| acting.act(parameters, rows, actions))
 }
 
 #[pymethods]
 impl Learner {
     #[new]
     #[pyo3(signature = (*, double, actor, critic, action_weight, critics, batch, sizes, policy_delay, tau,
-        pretanh_penalty, bounds, frozen_combined, mirror))]
+        pretanh_penalty, bounds, frozen_combined, mirror, threads, room))]
     #[expect(clippy::too_many_arguments, reason = "keywords, each a setting of the core")]
     fn new(
         double: bool,
@@ -158,6 +182,8 @@ impl Learner {
         bounds: [f64; 2],
         frozen_combined: bool,
         mirror: Option<(Vec<usize>, Vec<f32>)>,
+        threads: usize,
+        room: &Bound<'_, Room>,
     ) -> PyResult<Self> {
         let (actor, critic) = (layers(actor), layers(critic));
         let mirror = mirror.map(|(permutation, signs)| Mirror { permutation, signs });
@@ -175,13 +201,13 @@ impl Learner {
             frozen_combined,
             mirror,
         };
-        let isa = navlearn::kernels::Isa::current().map_err(refusal)?;
+        let isa = navlearn::Isa::current().map_err(refusal)?;
         let core = if double {
-            Core::Double(navlearn::Learner::new(settings, isa).map_err(stopped)?)
+            Core::Double(navlearn::Learner::new(settings, threads, isa).map_err(stopped)?)
         } else {
-            Core::Single(navlearn::Learner::new(settings, isa).map_err(stopped)?)
+            Core::Single(navlearn::Learner::new(settings, threads, isa).map_err(stopped)?)
         };
-        Ok(Self { core, mirrored: Vec::new() })
+        Ok(Self { core, room: room.get().0.clone(), mirrored: Vec::new() })
     }
 
     /// As many updates as there are batches of indices; see `navlearn::Learner::update`.
@@ -198,8 +224,8 @@ impl Learner {
         indices: PyReadonlyArray1<'_, i64>,
         mirrored: &Bound<'_, PyAny>,
         noise: PyReadonlyArray1<'_, f32>,
-    ) -> PyResult<Rows> {
-        let Self { core, mirrored: mask } = self;
+    ) -> PyResult<(Vec<UpdateRecord>, bool)> {
+        let Self { core, room, mirrored: mask } = self;
         copy_mask("mirrored", mirrored, &[indices.len()], mask)?;
         let draws = Draws {
             replay: numbers("replay", &replay)?,
@@ -210,8 +236,8 @@ impl Learner {
         };
         let networks = [actor, critic];
         match core {
-            Core::Single(core) => update(py, core, networks, rates, steps, draws),
-            Core::Double(core) => update(py, core, networks, rates, steps, draws),
+            Core::Single(core) => update(py, core, networks, rates, steps, draws, room),
+            Core::Double(core) => update(py, core, networks, rates, steps, draws, room),
         }
     }
 

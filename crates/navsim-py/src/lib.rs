@@ -1,5 +1,6 @@
 //! Python module `navrl._navsim`: checks arrays, releases the interpreter lock, calls the core, maps errors.
 
+mod actor;
 mod arguments;
 mod batch;
 mod controller;
@@ -12,14 +13,19 @@ use pyo3::prelude::*;
 /// The simulator core of navrl.
 #[pymodule]
 mod _navsim {
+    /// |input of the actor's tanh| beyond which an output counts as saturated.
+    #[pymodule_export]
+    const SATURATED: f64 = navlearn::SATURATED;
     #[pymodule_export]
     use super::{check_world, isa};
+    #[pymodule_export]
+    use crate::actor::Actor;
     #[pymodule_export]
     use crate::batch::BatchSim;
     #[pymodule_export]
     use crate::controller::Controller;
     #[pymodule_export]
-    use crate::learner::Learner;
+    use crate::learner::{Learner, Room, UpdateRecord};
     #[pymodule_export]
     use crate::planner::{Lookahead, plan};
     #[pymodule_export]
@@ -37,5 +43,5 @@ fn isa() -> PyResult<&'static str> {
 #[pyfunction]
 fn check_world(config: &str) -> PyResult<f64> {
     let config = navsim::SimConfig::from_json(config).map_err(arguments::refusal)?;
-    navsim::task::Task::new(config, None, 0).map(|task| task.cut_off()).map_err(arguments::refusal)
+    navsim::task::Task::new(config, None, 0, 0).map(|task| task.cut_off()).map_err(arguments::refusal)
 }

@@ -72,10 +72,28 @@ impl BatchSim {
         autoreset: bool,
         scenarios: Option<Vec<Scenario>>,
     ) -> Result<Self> {
+        Self::part(config, num_envs, seed, num_threads, autoreset, scenarios, 0)
+    }
+
+    /// A simulator of the robots `first` to `first + num_envs - 1` of a larger one, which meet what they would meet
+    /// there. With `scenarios`, which are those of this part, robot k runs scenario k.
+    ///
+    /// # Errors
+    /// Those of `new`; more robots before these than a simulator can have.
+    pub fn part(
+        config: SimConfig,
+        num_envs: usize,
+        seed: u64,
+        num_threads: usize,
+        autoreset: bool,
+        scenarios: Option<Vec<Scenario>>,
+        first: usize,
+    ) -> Result<Self> {
         within("num_envs", num_envs, ROBOTS_MAX)?;
+        within("first + num_envs", first + num_envs, ROBOTS_MAX)?;
         within("num_threads", num_threads, THREADS_MAX)?;
         let _mode = DefaultMode::set();
-        let task = Task::new(config, scenarios, seed)?;
+        let task = Task::new(config, scenarios, seed, first)?;
         let mut simulator = Self {
             autoreset,
             episodes: vec![Episode::default(); num_envs],

@@ -181,6 +181,31 @@ fn a_restored_simulator_goes_on_bit_for_bit() {
     assert!(matches!(smaller.restore(&state), Err(Error::Length { expected: 7, got: 8, .. })));
 }
 
+/// Robots of a part, drawn or given, meet the worlds, noise and odometry that are theirs in the whole.
+#[test]
+fn a_part_of_a_batch_is_the_same_robots() {
+    let mut config = config("mixed");
+    config.robot.odometry_noise = 0.05;
+    config.lidar.noise = 0.01;
+    let drawn = BatchSim::new(config.clone(), 11, 2, 1, true, None).unwrap();
+    let given: Vec<_> = (0..11).map(|robot| drawn.scenario(robot).unwrap()).collect();
+    for scenarios in [None, Some(given)] {
+        let mut whole = BatchSim::new(config.clone(), 11, 2, 1, true, scenarios.clone()).unwrap();
+        let own = scenarios.map(|all| all[5..9].to_vec());
+        let mut part = BatchSim::part(config.clone(), 4, 2, 1, true, own, 5).unwrap();
+        for t in 0..300 {
+            let actions = actions(11, t);
+            whole.step(&actions).unwrap();
+            part.step(&actions[2 * 5..2 * 9]).unwrap();
+            let size = whole.observation_size();
+            assert_eq!(whole.results().observations[5 * size..9 * size], part.results().observations, "step {t}");
+            assert_eq!(whole.results().rewards[5..9], part.results().rewards);
+        }
+        assert!((5..9).all(|robot| whole.scenario(robot) == part.scenario(robot - 5)));
+    }
+    assert!(BatchSim::part(config, 1, 2, 1, true, None, 1 << 20).is_err());
+}
+
 #[test]
 fn bad_actions_leave_the_simulator_untouched() {
     let mut sim = BatchSim::new(config("td3"), 2, 1, 1, true, None).unwrap();

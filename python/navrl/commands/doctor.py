@@ -46,7 +46,10 @@ def _facts() -> Iterator[tuple[str, str]]:
     yield "python", f"{platform.python_version()} on {platform.system()} {platform.machine()}"
     yield "packages", ", ".join(f"{name} {_version(name)}" for name in PACKAGES)
     yield "processor", f"{cpu_model()}; {' '.join(_features()) or 'features unknown'}"
-    yield "threads", f"{cores()} cores usable; training simulates on {max(1, cores() - 1)} and learns on 1"
+    yield (
+        "threads",
+        f"{cores()} cores usable; training learns on {min(cores(), 2)} and simulates on {max(1, cores() - 2)}",
+    )
     yield "simulator", f"instruction set {_isa()}"
     yield "torch", _torch_build()
 

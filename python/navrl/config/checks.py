@@ -63,8 +63,6 @@ def check_config(config: "Config") -> None:
     _check_length(config)
     _check_exploration(config)
     _check_replay(config)
-    one_thread = config.threads.learn == 1 or config.learner.kernel != "native"
-    _require(config, "threads.learn", one_thread, '1 with kernel = "native"', "learner.kernel")
     if config.learner.mirror:
         _check_mirror(config)
 

@@ -183,7 +183,7 @@ class LearnerConfig:
     algorithm: Literal["td3", "ddpg"] = "td3"
     """TD3, or DDPG: one critic, no target noise, no minimum, an actor step with every update."""
     kernel: Literal["auto", "native", "torch"] = "auto"
-    """What computes the update: the native kernel, or torch; "auto" takes the native one if threads.learn is 1."""
+    """What computes the update: the native kernel, which "auto" takes too, or torch."""
     batch_size: Annotated[int, Field(ge=1, le=65536)] = 96
     """Rows of replay per update."""
     critic_lr: _Rate = 2.5e-3
@@ -308,8 +308,9 @@ class ThreadsConfig:
 
     simulate: Annotated[int, Field(ge=0, le=THREADS_MAX)] = 0
     """Threads that step the robots; 0: the cores less those that learn, at least 1. Never changes results."""
-    learn: Annotated[int, Field(ge=1, le=THREADS_MAX)] = 1
-    """Threads of the update; resuming bitwise needs the same number."""
+    learn: Annotated[int, Field(ge=0, le=THREADS_MAX)] = 0
+    """Threads of the update; 0: 2 of the native kernel, which uses no more and gives the same bits with 1, and 1 of
+    torch, where resuming bitwise needs the same number."""
 
 
 @one_line

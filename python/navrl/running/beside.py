@@ -1,6 +1,6 @@
 """Two pieces of work beside each other, in two threads where the machine has room for both.
 
-    with Beside(say) as beside: result = beside.do(aside, own)
+    with Beside(say, free) as beside: result = beside.do(aside, own)
 
 They must share nothing: then whether they run at the same time or one after the other makes no difference to any bit.
 """
@@ -23,13 +23,14 @@ PAUSE = 2_000
 class Beside:
     """A second thread, which is left alone while waiting for it costs more than doing its work oneself."""
 
-    def __init__(self, say: Callable[[str], None]) -> None:
+    def __init__(self, say: Callable[[str], None], free: Callable[[bool], None]) -> None:
         """Starts no thread yet.
 
         Args:
             say: Takes a line when one thread has to do.
+            free: Is told when the other thread begins (False) and when it has ended (True), there.
         """
-        self._say = say
+        self._say, self._free = say, free
         self._said = False
         self._thread = ThreadPoolExecutor(1, "beside")
         self._alone = 0
@@ -59,6 +60,7 @@ class Beside:
             result = aside()
             own()
             return result
+        self._free(False)
         future = self._thread.submit(self._timed, aside)
         try:
             own()
@@ -74,6 +76,7 @@ class Beside:
             return aside()
         finally:
             self._needed += time.thread_time() - start
+            self._free(True)
 
     def _wait(self, future: Future[T]) -> None:
         start = time.monotonic()

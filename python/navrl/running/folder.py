@@ -29,8 +29,9 @@ from navrl.config.files import load_config, tables_to_toml
 from navrl.durable import PENDING, write_file
 from navrl.errors import UserError, shown
 
-FREE_KEYS = ("checkpoint.every_s", "checkpoint.keep", "threads.simulate")
-"""Settings that never change results: config.toml may be edited in them before a resume."""
+FREE_KEYS = ("checkpoint.every_s", "checkpoint.keep", "threads.simulate", "threads.learn")
+"""Settings of which config.toml may be edited before a resume: they never change results, or (threads of torch, which
+learn) the checkpoint refuses the change."""
 
 
 class RunFolder:

@@ -26,6 +26,7 @@ from navrl.errors import UserError
 from navrl.exploration import Exploration
 from navrl.machine import Machine, available_memory, cores
 from navrl.metrics import Scores
+from navrl.native import learn_threads
 from navrl.policy import Policy, Weights
 from navrl.policy_description import PolicyDescription
 from navrl.replay import Arrays, NonFiniteError, NStepAssembler, Replay, row_width
@@ -87,9 +88,10 @@ class Run:
         self.plan = Limits(training.steps, training.episodes, training.until)
         """What was to end the run when it began: the step sizes follow it."""
         self.limits = self.plan
-        self.threads = config.threads.simulate or max(1, cores() - config.threads.learn)
+        self.learn_threads = learn_threads(config)
+        self.threads = config.threads.simulate or max(1, cores() - self.learn_threads)
         inputs = encoded_size(config.lidar.bins, config.networks.encoding)
-        torch.set_num_threads(config.threads.learn)
+        torch.set_num_threads(self.learn_threads)
         self.replay_bytes = _replay_bytes(self.limits.steps, config.replay.capacity, row_width(inputs))
         try:
             self.sim = BatchSim(config.sim, num_envs=training.num_envs, seed=training.seed, num_threads=self.threads)

@@ -126,7 +126,7 @@ def _to_the_end(run: Run) -> None:
 
 def _introduction(run: Run) -> str:
     """One line: robots, threads and memory."""
-    robots, learn = run.config.training.num_envs, run.config.threads.learn
+    robots, learn = run.config.training.num_envs, run.learn_threads
     memory = available_memory()
     available = "" if memory is None else f" of {memory / 1e6:,.0f} MB free"
     return (

@@ -36,7 +36,7 @@ def summarize_run(run: Run, test_scores: Scores | None) -> dict[str, Any]:
         "cpu": here.cpu,
         "isa": here.isa,
         "kernel": here.kernel,
-        "threads": {"sim": run.threads, "learn": run.config.threads.learn},
+        "threads": {"sim": run.threads, "learn": run.learn_threads},
         "env_steps": run.counts.steps,
         "updates": run.learner.updates,
         "episodes": run.metrics.episodes,

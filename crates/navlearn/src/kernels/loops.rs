@@ -1,12 +1,14 @@
 //! Bodies of the loops that [`super`] compiles for every instruction set.
 //!
-//! Sums run in `LANES` fixed lanes, so that their order does not depend on the width of the vectors.
+//! Sums run in fixed lanes, so that their order does not depend on the width of the vectors.
 
-use crate::adam::{EPSILON, FIRST_DECAY, Moments, SECOND_DECAY, Step};
+use crate::adam::{EPSILON, FIRST_DECAY, SECOND_DECAY, Step, Vectors};
 use crate::real::Real;
 
-/// Partial sums of a sum: the numbers in one vector of the widest instruction set.
+/// The numbers in one vector of the widest instruction set.
 const LANES: usize = 16;
+/// Partial sums of a sum: few, for what costs most is to add them up.
+const SUMS: usize = 8;
 
 #[inline(always)]
 fn relu<T: Real>(z: T) -> T {
@@ -15,8 +17,8 @@ fn relu<T: Real>(z: T) -> T {
 
 /// Adds up the lanes, halving them.
 #[inline(always)]
-fn total<T: Real>(mut lanes: [T; LANES]) -> T {
-    let mut width = LANES / 2;
+fn total<T: Real, const N: usize>(mut lanes: [T; N]) -> T {
+    let mut width = N / 2;
     while width > 0 {
         for lane in 0..width {
             lanes[lane] += lanes[lane + width];
@@ -29,10 +31,10 @@ fn total<T: Real>(mut lanes: [T; LANES]) -> T {
 /// Sum over i of f(a_i, b_i).
 #[inline(always)]
 fn sum_of<T: Real>(a: &[T], b: &[T], f: impl Fn(T, T) -> T) -> T {
-    let mut lanes = [T::ZERO; LANES];
-    let ((wholes_a, rest_a), (wholes_b, rest_b)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    let mut lanes = [T::ZERO; SUMS];
+    let ((wholes_a, rest_a), (wholes_b, rest_b)) = (a.as_chunks::<SUMS>(), b.as_chunks::<SUMS>());
     for (a, b) in wholes_a.iter().zip(wholes_b) {
-        for lane in 0..LANES {
+        for lane in 0..SUMS {
             lanes[lane] += f(a[lane], b[lane]);
         }
     }
@@ -40,6 +42,14 @@ fn sum_of<T: Real>(a: &[T], b: &[T], f: impl Fn(T, T) -> T) -> T {
         *lane += f(*a, *b);
     }
     total(lanes)
+}
+
+/// The sum over the places below `cut` plus that over the others.
+#[inline(always)]
+fn sum_in_parts<T: Real>(a: &[T], b: &[T], cut: usize, f: impl Fn(T, T) -> T + Copy) -> T {
+    let ((a, rest_a), (b, rest_b)) = (a.split_at(cut), b.split_at(cut));
+    let first = sum_of(a, b, f);
+    if rest_a.is_empty() { first } else { first + sum_of(rest_a, rest_b, f) }
 }
 
 #[inline(always)]
@@ -62,12 +72,12 @@ pub fn combined_relu<T: Real>(z: &mut [T], bias: &[T], weight: &[T], actions: &[
 }
 
 #[inline(always)]
-pub fn through_relu<T: Real>(gradient: &mut [T], outputs: &[T], sums: &mut [T], batch: usize) {
+pub fn through_relu<T: Real>(gradient: &mut [T], outputs: &[T], sums: &mut [T], batch: usize, cut: usize) {
     for ((row, outputs), sum) in gradient.chunks_exact_mut(batch).zip(outputs.chunks_exact(batch)).zip(sums) {
         for (g, &y) in row.iter_mut().zip(outputs) {
             *g = if y > T::ZERO { *g } else { T::ZERO };
         }
-        *sum = sum_of(row, outputs, |g, _| g);
+        *sum = sum_in_parts(row, outputs, cut, |g, _| g);
     }
 }
 
@@ -98,11 +108,11 @@ pub fn narrow<T: Real>(weight: &[T], bias: Option<&[T]>, inputs: &[T], outputs: 
 }
 
 #[inline(always)]
-pub fn narrow_weights<T: Real>(upper: &[T], inputs: &[T], gradient: &mut [T], batch: usize) {
+pub fn narrow_weights<T: Real>(upper: &[T], inputs: &[T], gradient: &mut [T], batch: usize, cut: usize) {
     let units = inputs.len() / batch;
     for (upper, row) in upper.chunks_exact(batch).zip(gradient.chunks_exact_mut(units)) {
         for (g, inputs) in row.iter_mut().zip(inputs.chunks_exact(batch)) {
-            *g = sum_of(upper, inputs, |u, x| u * x);
+            *g = sum_in_parts(upper, inputs, cut, |u, x| u * x);
         }
     }
 }
@@ -130,27 +140,31 @@ fn stepped<T: Real>(step: Step<T>, gradient: T, parameter: T, first: &mut T, sec
 }
 
 #[inline(always)]
-pub fn adam<T: Real>(step: Step<T>, gradient: &[T], moments: Moments<'_, T>, parameters: &mut [T]) {
-    let moments = moments.first.iter_mut().zip(moments.second);
-    for ((p, &g), (first, second)) in parameters.iter_mut().zip(gradient).zip(moments) {
-        *p = stepped(step, g, *p, first, second);
+pub fn adam<T: Real>(step: Step<T>, gradients: [&[T]; 2], vectors: Vectors<'_, T>, tau: Option<T>) {
+    match gradients {
+        [whole, []] => step_all(step, whole.iter().copied(), vectors, tau),
+        [first, second] => step_all(step, first.iter().zip(second).map(|(&a, &b)| a + b), vectors, tau),
     }
 }
 
 #[inline(always)]
-pub fn adam_and_follow<T: Real>(
-    step: Step<T>,
-    gradient: &[T],
-    moments: Moments<'_, T>,
-    parameters: &mut [T],
-    targets: &mut [T],
-    tau: T,
-) {
-    let moments = moments.first.iter_mut().zip(moments.second);
-    for (((p, &g), (first, second)), target) in parameters.iter_mut().zip(gradient).zip(moments).zip(targets) {
-        *p = stepped(step, g, *p, first, second);
-        // Eq. 10: theta' <- tau theta + (1 - tau) theta'
-        *target = (*target + tau * (*p - *target)).settled();
+fn step_all<T: Real>(step: Step<T>, gradient: impl Iterator<Item = T>, vectors: Vectors<'_, T>, tau: Option<T>) {
+    let Vectors { parameters, targets, first, second } = vectors;
+    let moments = first.iter_mut().zip(second);
+    let places = parameters.iter_mut().zip(gradient).zip(moments);
+    match tau {
+        None => {
+            for ((p, g), (first, second)) in places {
+                *p = stepped(step, g, *p, first, second);
+            }
+        }
+        Some(tau) => {
+            for (((p, g), (first, second)), target) in places.zip(targets) {
+                *p = stepped(step, g, *p, first, second);
+                // Eq. 10: theta' <- tau theta + (1 - tau) theta'
+                *target = (*target + tau * (*p - *target)).settled();
+            }
+        }
     }
 }
 
@@ -172,4 +186,9 @@ pub fn rows_finite<T: Real>(numbers: &[T], width: usize, rows: &[i64]) -> bool {
 pub fn all_finite<T: Real>(numbers: &[T]) -> bool {
     // Whole blocks at a time, for an exit from within would keep them from being vectors.
     numbers.chunks(4 * LANES).all(|block| block.iter().fold(true, |all, x| all & x.finite()))
+}
+
+#[inline(always)]
+pub fn all_bounded<T: Real>(numbers: &[T]) -> bool {
+    numbers.chunks(4 * LANES).all(|block| block.iter().fold(true, |all, x| all & (x.size() <= T::HALF)))
 }

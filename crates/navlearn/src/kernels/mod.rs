@@ -8,9 +8,10 @@
 #![allow(unsafe_code)]
 
 mod loops;
+pub mod matrix;
 pub mod product;
 
-use crate::adam::{Moments, Step};
+use crate::adam::{Step, Vectors};
 use crate::real::Real;
 pub use navsim::cpu::Isa;
 
@@ -52,30 +53,26 @@ dispatched! {
     combined_relu(z: &mut [T], bias: &[T], weight: &[T], actions: &[T], batch: usize)
 }
 dispatched! {
-    /// dL/dz from dL/dy in place, for y = relu(z) (units, batch); `sums` (units) takes its sums over the batch.
-    through_relu(gradient: &mut [T], outputs: &[T], sums: &mut [T], batch: usize)
+    /// dL/dz from dL/dy in place, for y = relu(z) (units, batch); `sums` (units) takes its sums over the first `cut`
+    /// of the batch plus those over the others.
+    through_relu(gradient: &mut [T], outputs: &[T], sums: &mut [T], batch: usize, cut: usize)
 }
 dispatched! {
     /// y = W x + b for a W (outputs, units) of few outputs; without `bias`, b = 0.
     narrow(weight: &[T], bias: Option<&[T]>, inputs: &[T], outputs: &mut [T], batch: usize)
 }
 dispatched! {
-    /// dL/dW (outputs, units) = dL/dy x^T for few outputs.
-    narrow_weights(upper: &[T], inputs: &[T], gradient: &mut [T], batch: usize)
+    /// dL/dW (outputs, units) = dL/dy x^T for few outputs, summed as in `through_relu`.
+    narrow_weights(upper: &[T], inputs: &[T], gradient: &mut [T], batch: usize, cut: usize)
 }
 dispatched! {
     /// dL/dx = W^T dL/dy (units, batch) for few outputs.
     narrow_inputs(weight: &[T], upper: &[T], gradient: &mut [T], batch: usize)
 }
 dispatched! {
-    /// One step of Adam; see [`crate::adam`].
-    adam(step: Step<T>, gradient: &[T], moments: Moments<'_, T>, parameters: &mut [T])
-}
-dispatched! {
-    /// One step of Adam and the soft update of the targets (equation 10) with the new parameters.
-    adam_and_follow(
-        step: Step<T>, gradient: &[T], moments: Moments<'_, T>, parameters: &mut [T], targets: &mut [T], tau: T
-    )
+    /// One step of Adam with the sum of two gradients, of which the second may be empty; see [`crate::adam`]. With
+    /// `tau` the targets follow the new parameters (equation 10).
+    adam(step: Step<T>, gradients: [&[T]; 2], vectors: Vectors<'_, T>, tau: Option<T>)
 }
 dispatched! {
     /// Whether no number is NaN or infinite in some rows of `width` numbers each.
@@ -84,6 +81,10 @@ dispatched! {
 dispatched! {
     /// Whether no number is NaN or infinite.
     all_finite(numbers: &[T]) -> bool
+}
+dispatched! {
+    /// Whether no number is NaN or so large that the sum of two might be infinite.
+    all_bounded(numbers: &[T]) -> bool
 }
 
 #[cfg(test)]
@@ -108,8 +109,8 @@ mod tests {
     fn tiny_moments_become_zero() {
         let step = Step::<f32>::new(1e-3, 10);
         let (mut first, mut second, mut p) = ([1e-36, 1e-20], [1e-37, 1e-20], [0.5, 0.5]);
-        let moments = Moments { first: &mut first, second: &mut second };
-        adam(Isa::Avx512, step, &[1e-37, 0.0], moments, &mut p);
+        let vectors = Vectors { parameters: &mut p, targets: &mut [], first: &mut first, second: &mut second };
+        adam(Isa::Avx512, step, [&[1e-37, 0.0], &[]], vectors, None);
         assert_eq!((first[0], second[0], p[0]), (0.0, 0.0, 0.5));
         assert!(first[1] > 0.0 && second[1] > 0.0);
     }
@@ -117,10 +118,12 @@ mod tests {
     #[test]
     fn adam_by_hand() {
         // t = 1: m = 0.1 g, v = 0.001 g^2, so that the step is lr g / (|g| + eps).
-        let (mut first, mut second, mut p, mut target) = ([0.0], [0.0], [1.0], [3.0]);
-        let moments = Moments { first: &mut first, second: &mut second };
-        adam_and_follow(Isa::Baseline, Step::new(0.1, 1), &[-2.0], moments, &mut p, &mut target, 0.5);
-        assert!((p[0] - 1.1_f64).abs() < 1e-8 && (target[0] - 2.05).abs() < 1e-8);
-        assert!((first[0] + 0.2).abs() < 1e-15 && (second[0] - 0.004).abs() < 1e-15);
+        for gradients in [[vec![-2.0], vec![]], [vec![1.5], vec![-3.5]]] {
+            let (mut first, mut second, mut p, mut target) = ([0.0], [0.0], [1.0], [3.0]);
+            let vectors = Vectors { parameters: &mut p, targets: &mut target, first: &mut first, second: &mut second };
+            adam(Isa::Baseline, Step::new(0.1, 1), gradients.each_ref().map(Vec::as_slice), vectors, Some(0.5));
+            assert!((p[0] - 1.1_f64).abs() < 1e-8 && (target[0] - 2.05).abs() < 1e-8);
+            assert!((first[0] + 0.2).abs() < 1e-15 && (second[0] - 0.004).abs() < 1e-15);
+        }
     }
 }

@@ -4,50 +4,7 @@
 //! both give the same bits; elsewhere they come from the crate matrixmultiply.
 
 use super::Isa;
-
-/// A matrix in a slice.
-#[derive(Debug, Clone, Copy)]
-pub struct Matrix<'a, T> {
-    values: &'a [T],
-    rows: usize,
-    columns: usize,
-    row_stride: usize,
-    column_stride: usize,
-}
-
-impl<'a, T> Matrix<'a, T> {
-    /// `values` by rows of `columns` numbers each.
-    ///
-    /// # Panics
-    /// If they are no whole number of rows.
-    pub fn by_rows(values: &'a [T], columns: usize) -> Self {
-        Self::first_columns(values, columns, columns)
-    }
-
-    /// The first `columns` of rows of `stride` numbers each.
-    ///
-    /// # Panics
-    /// If they are no whole number of rows, or have fewer columns.
-    pub fn first_columns(values: &'a [T], columns: usize, stride: usize) -> Self {
-        assert!(
-            (1..=stride).contains(&columns) && values.len().is_multiple_of(stride),
-            "{columns} columns of {} values in rows of {stride}",
-            values.len()
-        );
-        Self { values, rows: values.len() / stride, columns, row_stride: stride, column_stride: 1 }
-    }
-
-    /// The same numbers with rows and columns exchanged.
-    pub fn transposed(self) -> Self {
-        Self {
-            rows: self.columns,
-            columns: self.rows,
-            row_stride: self.column_stride,
-            column_stride: self.row_stride,
-            ..self
-        }
-    }
-}
+use super::matrix::Matrix;
 
 /// Sizes and strides of a product C = A B: C by rows, B by rows, A in any order.
 #[derive(Debug, Clone, Copy)]
@@ -59,6 +16,21 @@ pub struct Sizes {
     /// Numbers from one row of B to the next, and of C.
     b_stride: usize,
     c_stride: usize,
+    /// Whether the sums begin with what C holds instead of 0.
+    onto: bool,
+    /// Where a second sum begins, which is added to the first at the end; `depth` where there is none.
+    cut: usize,
+}
+
+/// How the elements of a product are summed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sum {
+    /// From 0 on.
+    Whole,
+    /// Two sums from 0 on, over the inner places below a number and over the rest, then added.
+    Parts(usize),
+    /// From what is there on: as `Whole` over the inner places of both products.
+    Onto,
 }
 
 /// Numbers that can be multiplied as matrices.
@@ -77,7 +49,7 @@ pub trait Multiply: Copy + Default + 'static {
 #[cfg(target_arch = "x86_64")]
 macro_rules! tiles {
     ($name:ident: $type:ident, $features:literal, $rows:literal rows of $vectors:literal vectors of $lanes:literal,
-     $zero:ident, $load:ident, $store:ident, $splat:ident, $fma:ident,
+     $zero:ident, $load:ident, $store:ident, $splat:ident, $add:ident, $fma:ident,
      $mask:ident -> $masks:ty, $load_part:ident, $store_part:ident) => {
         mod $name {
             use super::Sizes;
@@ -98,21 +70,43 @@ macro_rules! tiles {
                 mask: $masks,
             ) {
                 let mut sums = [[$zero(); V]; R];
-                for k in 0..s.depth {
-                    let mut row = [$zero(); V];
-                    for (j, vector) in row.iter_mut().enumerate() {
-                        // SAFETY: row k < depth of B, vector j < V of its columns, or the part of it that there is.
-                        *vector = unsafe {
-                            let place = b.add(k * s.b_stride + j * $lanes);
-                            if PART && j == V - 1 { $load_part(mask, place) } else { $load(place) }
-                        };
-                    }
+                if s.onto {
                     for (i, sums) in sums.iter_mut().enumerate() {
-                        // SAFETY: element (i, k) of A, i < R and k < depth.
-                        let factor = $splat(unsafe { *a.add(i * s.a_strides[0] + k * s.a_strides[1]) });
-                        for (sum, &vector) in sums.iter_mut().zip(&row) {
-                            *sum = $fma(factor, vector, *sum);
+                        for (j, sum) in sums.iter_mut().enumerate() {
+                            // SAFETY: row i < R of C, vector j < V of its columns, or the part of it that there is.
+                            *sum = unsafe {
+                                let place = c.add(i * s.c_stride + j * $lanes);
+                                if PART && j == V - 1 { $load_part(mask, place) } else { $load(place) }
+                            };
                         }
+                    }
+                }
+                let add_products = |sums: &mut [[_; V]; R], from: usize, to: usize| {
+                    for k in from..to {
+                        let mut row = [$zero(); V];
+                        for (j, vector) in row.iter_mut().enumerate() {
+                            // SAFETY: row k < depth of B, vector j < V of its columns, or the part that there is.
+                            *vector = unsafe {
+                                let place = b.add(k * s.b_stride + j * $lanes);
+                                if PART && j == V - 1 { $load_part(mask, place) } else { $load(place) }
+                            };
+                        }
+                        for (i, sums) in sums.iter_mut().enumerate() {
+                            // SAFETY: element (i, k) of A, i < R and k < depth.
+                            let factor = $splat(unsafe { *a.add(i * s.a_strides[0] + k * s.a_strides[1]) });
+                            for (sum, &vector) in sums.iter_mut().zip(&row) {
+                                *sum = $fma(factor, vector, *sum);
+                            }
+                        }
+                    }
+                };
+                add_products(&mut sums, 0, s.cut);
+                if s.cut < s.depth {
+                    let first = sums;
+                    sums = [[$zero(); V]; R];
+                    add_products(&mut sums, s.cut, s.depth);
+                    for (sum, &first) in sums.as_flattened_mut().iter_mut().zip(first.as_flattened()) {
+                        *sum = $add(first, *sum);
                     }
                 }
                 for (i, sums) in sums.iter().enumerate() {
@@ -237,19 +231,19 @@ mod parts {
 
 #[cfg(target_arch = "x86_64")]
 tiles!(f32_avx512: f32, "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma", 8 rows of 3 vectors of 16,
-    _mm512_setzero_ps, _mm512_loadu_ps, _mm512_storeu_ps, _mm512_set1_ps, _mm512_fmadd_ps,
+    _mm512_setzero_ps, _mm512_loadu_ps, _mm512_storeu_ps, _mm512_set1_ps, _mm512_add_ps, _mm512_fmadd_ps,
     first_16 -> __mmask16, _mm512_maskz_loadu_ps, _mm512_mask_storeu_ps);
 #[cfg(target_arch = "x86_64")]
 tiles!(f64_avx512: f64, "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma", 8 rows of 3 vectors of 8,
-    _mm512_setzero_pd, _mm512_loadu_pd, _mm512_storeu_pd, _mm512_set1_pd, _mm512_fmadd_pd,
+    _mm512_setzero_pd, _mm512_loadu_pd, _mm512_storeu_pd, _mm512_set1_pd, _mm512_add_pd, _mm512_fmadd_pd,
     first_8 -> __mmask8, _mm512_maskz_loadu_pd, _mm512_mask_storeu_pd);
 #[cfg(target_arch = "x86_64")]
 tiles!(f32_avx2: f32, "avx2,fma", 6 rows of 2 vectors of 8,
-    _mm256_setzero_ps, _mm256_loadu_ps, _mm256_storeu_ps, _mm256_set1_ps, _mm256_fmadd_ps,
+    _mm256_setzero_ps, _mm256_loadu_ps, _mm256_storeu_ps, _mm256_set1_ps, _mm256_add_ps, _mm256_fmadd_ps,
     first_of_8 -> __m256i, load_part_ps, _mm256_maskstore_ps);
 #[cfg(target_arch = "x86_64")]
 tiles!(f64_avx2: f64, "avx2,fma", 6 rows of 2 vectors of 4,
-    _mm256_setzero_pd, _mm256_loadu_pd, _mm256_storeu_pd, _mm256_set1_pd, _mm256_fmadd_pd,
+    _mm256_setzero_pd, _mm256_loadu_pd, _mm256_storeu_pd, _mm256_set1_pd, _mm256_add_pd, _mm256_fmadd_pd,
     first_of_4 -> __m256i, load_part_pd, _mm256_maskstore_pd);
 
 macro_rules! multiply {
@@ -257,9 +251,9 @@ macro_rules! multiply {
         impl Multiply for $type {
             unsafe fn gemm(isa: Isa, s: Sizes, a: *const Self, b: *const Self, c: *mut Self) {
                 #[cfg(target_arch = "x86_64")]
-                if std::is_x86_feature_detected!("fma") {
+                if in_order(isa) {
                     match isa.min(Isa::detect()) {
-                        // SAFETY: the caller's promise; `detect` and the line above test each feature.
+                        // SAFETY: the caller's promise; `detect` and `in_order` test each feature.
                         Isa::Avx512 => return unsafe { $avx512::product(s, a, b, c) },
                         // SAFETY: as above.
                         Isa::Avx2 => return unsafe { $avx2::product(s, a, b, c) },
@@ -270,11 +264,37 @@ macro_rules! multiply {
                 // Slices have at most isize::MAX bytes, so that no stride overflows.
                 let [a_row, a_column] = s.a_strides.map(|stride| stride as isize);
                 let (b_row, c_row) = (s.b_stride as isize, s.c_stride as isize);
+                let (factor, rest) = (if s.onto { 1.0 } else { 0.0 }, s.depth - s.cut);
                 // SAFETY: the caller's promise is what matrixmultiply asks for; with factor 0 it does not read C.
-                unsafe { $gemm(s.rows, s.depth, s.columns, 1.0, a, a_row, a_column, b, b_row, 1, 0.0, c, c_row, 1) }
+                unsafe { $gemm(s.rows, s.cut, s.columns, 1.0, a, a_row, a_column, b, b_row, 1, factor, c, c_row, 1) }
+                if rest == 0 {
+                    return;
+                }
+                let mut second = vec![0.0; s.rows * s.columns];
+                // SAFETY: as above, from inner place `cut` < depth on; `second` has as many elements as C.
+                unsafe {
+                    let (a, b) = (a.add(s.cut * s.a_strides[1]), b.add(s.cut * s.b_stride));
+                    let (c, c_row) = (second.as_mut_ptr(), s.columns as isize);
+                    $gemm(s.rows, rest, s.columns, 1.0, a, a_row, a_column, b, b_row, 1, 0.0, c, c_row, 1);
+                }
+                for (i, row) in second.chunks_exact(s.columns).enumerate() {
+                    for (j, x) in row.iter().enumerate() {
+                        // SAFETY: element (i, j) of C.
+                        unsafe { *c.add(i * s.c_stride + j) += x }
+                    }
+                }
             }
         }
     };
+}
+
+/// Whether every element of a product is summed in one order on `isa`, so that [`Sum::Onto`] keeps its promise to the
+/// bit.
+pub fn in_order(isa: Isa) -> bool {
+    #[cfg(target_arch = "x86_64")]
+    return isa.min(Isa::detect()) >= Isa::Avx2 && std::is_x86_feature_detected!("fma");
+    #[cfg(not(target_arch = "x86_64"))]
+    return false;
 }
 
 multiply!(f32, matrixmultiply::sgemm, f32_avx2, f32_avx512);
@@ -283,11 +303,13 @@ multiply!(f64, matrixmultiply::dgemm, f64_avx2, f64_avx512);
 /// Computes `product` = A B, by rows; B lies by rows, A in any order.
 ///
 /// # Panics
-/// If the sizes do not fit each other, or B lies by columns.
-pub fn multiply<T: Multiply>(isa: Isa, a: Matrix<'_, T>, b: Matrix<'_, T>, product: &mut [T]) {
+/// If the sizes do not fit each other, or B lies by columns, or the second part of a sum begins beyond its end.
+pub fn multiply<T: Multiply>(isa: Isa, a: Matrix<'_, T>, b: Matrix<'_, T>, sum: Sum, product: &mut [T]) {
     assert!(a.columns == b.rows && a.columns > 0, "inner sizes of a product");
     assert!(a.rows > 0 && product.len() == a.rows * b.columns, "size of a product");
     assert!(b.column_stride == 1, "order of a factor");
+    let cut = if let Sum::Parts(cut) = sum { cut } else { a.columns };
+    assert!((1..=a.columns).contains(&cut), "parts of a sum");
     for factor in [a, b] {
         let last = (factor.rows - 1) * factor.row_stride + (factor.columns - 1) * factor.column_stride;
         assert!(last < factor.values.len(), "size of a factor");
@@ -299,6 +321,8 @@ pub fn multiply<T: Multiply>(isa: Isa, a: Matrix<'_, T>, b: Matrix<'_, T>, produ
         a_strides: [a.row_stride, a.column_stride],
         b_stride: b.row_stride,
         c_stride: b.columns,
+        onto: sum == Sum::Onto,
+        cut,
     };
     // SAFETY: the last element of A and of B lies within its slice, as checked above, and no stride is negative, so
     // that all others do; `product` has a place for each element of C. It is borrowed mutably and therefore apart from
@@ -306,38 +330,9 @@ pub fn multiply<T: Multiply>(isa: Isa, a: Matrix<'_, T>, b: Matrix<'_, T>, produ
     unsafe { T::gemm(isa, sizes, a.values.as_ptr(), b.values.as_ptr(), product.as_mut_ptr()) }
 }
 
-/// Copies a matrix that lies by rows of `columns` numbers to `turned`, with rows and columns exchanged.
-///
-/// # Panics
-/// If the two have different sizes, or are no whole number of rows.
-pub fn transpose<T: Copy>(values: &[T], columns: usize, turned: &mut [T]) {
-    const SIDE: usize = 4;
-    assert!(
-        values.len() == turned.len() && values.len().is_multiple_of(columns),
-        "sizes of a matrix and its transpose"
-    );
-    let rows = values.len() / columns;
-    let (squares_down, squares_across) = (rows / SIDE * SIDE, columns / SIDE * SIDE);
-    for top in (0..squares_down).step_by(SIDE) {
-        let band: [&[T]; SIDE] = std::array::from_fn(|i| &values[(top + i) * columns..][..columns]);
-        for left in (0..squares_across).step_by(SIDE) {
-            let square: [[T; SIDE]; SIDE] = band.map(|row| std::array::from_fn(|j| row[left + j]));
-            for j in 0..SIDE {
-                let to = &mut turned[(left + j) * rows + top..][..SIDE];
-                to.copy_from_slice(&square.map(|row| row[j]));
-            }
-        }
-    }
-    for (row, numbers) in values.chunks_exact(columns).enumerate() {
-        let first = if row < squares_down { squares_across } else { 0 };
-        for (column, &number) in numbers.iter().enumerate().skip(first) {
-            turned[column * rows + row] = number;
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::matrix::transpose;
     use super::*;
 
     fn numbers(count: usize, seed: f64) -> Vec<f64> {
@@ -347,18 +342,6 @@ mod tests {
     fn naive(a: &[f64], b: &[f64], [rows, depth, columns]: [usize; 3]) -> Vec<f64> {
         let element = |i: usize, j: usize| (0..depth).map(|k| a[i * depth + k] * b[k * columns + j]).sum();
         (0..rows * columns).map(|place| element(place / columns, place % columns)).collect()
-    }
-
-    #[test]
-    fn a_transpose_has_its_rows_for_columns() {
-        for [rows, columns] in [[1, 1], [3, 5], [4, 4], [9, 8], [16, 31]] {
-            let values = numbers(rows * columns, 0.1);
-            let mut turned = vec![f64::NAN; rows * columns];
-            transpose(&values, columns, &mut turned);
-            for (place, &value) in values.iter().enumerate() {
-                assert_eq!(turned[place % columns * rows + place / columns], value);
-            }
-        }
     }
 
     #[test]
@@ -378,7 +361,7 @@ mod tests {
                     let b =
                         if order & 2 == 0 { by_rows.1 } else { Matrix::first_columns(&b_wide, columns, columns + 3) };
                     let mut product = vec![f64::NAN; rows * columns];
-                    multiply(isa, a, b, &mut product);
+                    multiply(isa, a, b, Sum::Whole, &mut product);
                     for (got, expected) in product.iter().zip(&expected) {
                         assert!((got - expected).abs() < 1e-13, "{sizes:?} {isa:?} {order}: {got} {expected}");
                     }
@@ -387,16 +370,55 @@ mod tests {
         }
     }
 
+    /// A by columns, so that a part of its columns is a slice.
+    fn product<T: Multiply>(isa: Isa, a: &[T], b: &[T], [rows, columns]: [usize; 2], sum: Sum, product: &mut [T]) {
+        multiply(isa, Matrix::by_rows(a, rows).transposed(), Matrix::by_rows(b, columns), sum, product);
+    }
+
+    #[test]
+    fn sums_in_parts_are_two_products_added_and_onto_goes_on_with_one() {
+        for [rows, depth, columns, cut] in [[1, 2, 1, 1], [9, 7, 17, 4], [16, 96, 50, 48], [23, 41, 48, 21]] {
+            let shrunk = |numbers: Vec<f64>| numbers.iter().map(|&x| x as f32).collect::<Vec<_>>();
+            let (a, b) = (shrunk(numbers(rows * depth, 0.3)), shrunk(numbers(depth * columns, 0.8)));
+            let ((a_first, a_second), (b_first, b_second)) = (a.split_at(cut * rows), b.split_at(cut * columns));
+            for isa in [Isa::Baseline, Isa::Avx2, Isa::Avx512] {
+                let of = |a, b, sum, mut c: Vec<f32>| {
+                    product(isa, a, b, [rows, columns], sum, &mut c);
+                    c
+                };
+                let nothing = || vec![f32::NAN; rows * columns];
+                let first = of(a_first, b_first, Sum::Whole, nothing());
+                let second = of(a_second, b_second, Sum::Whole, nothing());
+                let added: Vec<f32> = first.iter().zip(&second).map(|(x, y)| x + y).collect();
+                assert_eq!(of(&a, &b, Sum::Parts(cut), nothing()), added, "{isa:?}");
+                let (onto, whole) = (of(a_second, b_second, Sum::Onto, first), of(&a, &b, Sum::Whole, nothing()));
+                if in_order(isa) {
+                    assert_eq!(onto, whole, "{isa:?}");
+                    assert!(depth < 7 || whole != added, "a test that tells orders apart");
+                } else {
+                    assert!(onto.iter().zip(&whole).all(|(x, y)| (x - y).abs() < 1e-5));
+                }
+            }
+        }
+    }
+
     #[test]
     #[should_panic(expected = "inner sizes")]
     fn a_product_of_sizes_that_do_not_fit_panics() {
-        multiply(Isa::Baseline, Matrix::by_rows(&[1.0; 6], 3), Matrix::by_rows(&[1.0; 8], 4), &mut [0.0; 8]);
+        multiply(
+            Isa::Baseline,
+            Matrix::by_rows(&[1.0; 6], 3),
+            Matrix::by_rows(&[1.0; 8], 4),
+            Sum::Whole,
+            &mut [0.0; 8],
+        );
     }
 
     #[test]
     #[should_panic(expected = "inner sizes")]
     fn a_product_over_nothing_panics() {
         let empty: [f32; 0] = [];
-        multiply(Isa::Avx2, Matrix::by_rows(&empty, 3).transposed(), Matrix::by_rows(&empty, 4), &mut [0.0; 12]);
+        let (a, b) = (Matrix::by_rows(&empty, 3).transposed(), Matrix::by_rows(&empty, 4));
+        multiply(Isa::Avx2, a, b, Sum::Whole, &mut [0.0; 12]);
     }
 }

@@ -35,6 +35,8 @@ pub struct Task {
     lidar: Lidar,
     source: Source,
     seed: u64,
+    /// Number of robot 0 in the batch that all are a part of.
+    first: usize,
 }
 
 /// Sums over an episode.
@@ -98,19 +100,20 @@ pub struct ObservationRow<'a> {
 }
 
 impl Task {
-    /// The task of a checked configuration: scenarios drawn from its world, or those given.
+    /// The task of a checked configuration: scenarios drawn from its world, or those given. Its robot k is robot
+    /// `first` + k where streams and worlds are named.
     ///
     /// # Errors
     /// A setting out of range, a world that cannot hold the robot, or a scenario that the robot cannot run (with its
     /// index).
-    pub fn new(config: SimConfig, scenarios: Option<Vec<Scenario>>, seed: u64) -> Result<Self> {
+    pub fn new(config: SimConfig, scenarios: Option<Vec<Scenario>>, seed: u64, first: usize) -> Result<Self> {
         config.validate()?;
         let footprint = Footprint::new(&config.robot);
         let source = match scenarios {
             Some(scenarios) => Source::Scenarios(prepare(scenarios, &footprint)?),
             None => Source::Worlds(Box::new(Worlds::new(&config.world, &footprint)?)),
         };
-        Ok(Self { lidar: Lidar::new(&config.lidar)?, config, footprint, source, seed })
+        Ok(Self { lidar: Lidar::new(&config.lidar)?, config, footprint, source, seed, first })
     }
 
     /// The configuration.
@@ -163,10 +166,11 @@ impl Task {
     ) -> Result<()> {
         match &self.source {
             Source::Worlds(worlds) => {
-                let name = StreamName::new(self.seed, Purpose::World, Split::Train, robot as u32, index);
-                let place = robot % workspace.layouts.len();
+                let number = self.first + robot;
+                let name = StreamName::new(self.seed, Purpose::World, Split::Train, number as u32, index);
+                let place = number % workspace.layouts.len();
                 let layout = &mut workspace.layouts[place];
-                worlds.of(robot).draw(&mut Stream::new(name), index, layout)?;
+                worlds.of(number).draw(&mut Stream::new(name), index, layout)?;
                 (episode.start, episode.goal) = (layout.start, layout.goal);
                 episode.moved.clone_from(&layout.moved);
                 episode.goal_radius = self.config.task.goal_radius;
@@ -320,12 +324,12 @@ impl Task {
     /// Random numbers of this episode.
     fn stream(&self, purpose: Purpose, robot: usize, episode: &Episode) -> StreamName {
         let split = if self.scenario_count().is_some() { Split::Given } else { Split::Train };
-        StreamName::new(self.seed, purpose, split, robot as u32, episode.index)
+        StreamName::new(self.seed, purpose, split, (self.first + robot) as u32, episode.index)
     }
 
     fn obstacles<'a>(&'a self, robot: usize, episode: &'a Episode) -> [&'a Obstacles; 2] {
         let fixed = match &self.source {
-            Source::Worlds(worlds) => worlds.of(robot).static_obstacles(),
+            Source::Worlds(worlds) => worlds.of(self.first + robot).static_obstacles(),
             Source::Scenarios(scenarios) => &scenarios[robot % scenarios.len()].1,
         };
         [fixed, &episode.obstacles]
@@ -335,7 +339,7 @@ impl Task {
     pub fn scenario(&self, robot: usize, episode: &Episode) -> Scenario {
         match &self.source {
             Source::Worlds(worlds) => {
-                worlds.of(robot).scenario(episode.start, episode.goal, &episode.moved, &self.config.task)
+                worlds.of(self.first + robot).scenario(episode.start, episode.goal, &episode.moved, &self.config.task)
             }
             Source::Scenarios(scenarios) => scenarios[robot % scenarios.len()].0.clone(),
         }

@@ -6,16 +6,8 @@ use crate::error::Result;
 use crate::robot::Footprint;
 
 /// The world `mixed`: names and numbers of boxes (for `boxes`).
-const MIXED: [(&str, usize); 8] = [
-    ("td3", 0),
-    ("boxes", 4),
-    ("open8", 0),
-    ("boxes", 8),
-    ("td3", 0),
-    ("boxes", 12),
-    ("walls", 0),
-    ("boxes", 16),
-];
+const MIXED: [(&str, usize); 8] =
+    [("td3", 0), ("boxes", 4), ("open8", 0), ("boxes", 8), ("td3", 0), ("boxes", 12), ("walls", 0), ("boxes", 16)];
 
 /// The worlds of a configuration, one or several: robot k, and scenario k of a list, has world k modulo their number.
 #[derive(Debug, Clone)]
