@@ -47,7 +47,7 @@ MEASURED = [
 WEAKER = {
     "dwa": ControllersConfig(dwa=DwaConfig(heading=2.0, clearance=0.2, speed=0.2)),
     "gap": ControllersConfig(gap=GapConfig(margin=0.15)),
-    "mppi": ControllersConfig(mppi=MppiConfig(samples=20)),
+    "mppi": ControllersConfig(mppi=MppiConfig(temperature=1000.0)),
     "pursuit+astar": ControllersConfig(pursuit=PursuitConfig(lookahead=1.2)),
 }
 """Settings that make a baseline clearly weaker."""

@@ -129,7 +129,7 @@ def test_precedence_is_defaults_preset_robot_file_options(config_file: Writer) -
 def test_the_level_stands_beneath_a_file_but_for_what_it_is(config_file: Writer) -> None:
     real = load_config(level="real")
     assert (real.robot.delay_steps, real.lidar.noise) == (REAL["robot"]["delay_steps"], REAL["lidar"]["noise"])
-    assert real.planner.margin == 0.2
+    assert real.planner.margin != Config().planner.margin
     file = config_file("[robot]\ndelay_steps = 3\nv_max = 0.4\n[planner]\nmargin = 0.15\n[dwa]\nmargin = 0.07\n")
     config = load_config(file, level="real", options=[Option("--dwa.speed", "dwa.speed", "3")])
     assert (config.robot.delay_steps, config.robot.v_max) == (1, 0.4)

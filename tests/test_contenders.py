@@ -13,8 +13,8 @@ import navrl.compare
 from contending import SIM, policy_folder, scenario
 from navrl.batch import BatchSim
 from navrl.comparing import timing
-from navrl.comparing.contenders import LOOKAHEAD, along, enter
-from navrl.config import ControllersConfig, PlannerConfig
+from navrl.comparing.contenders import along, enter
+from navrl.config import ControllersConfig, PlannerConfig, PursuitConfig
 from navrl.config.levels import at_level
 from navrl.controllers import Controller
 from navrl.errors import UserError
@@ -63,7 +63,7 @@ def test_no_contender_without_a_planner_reads_the_map(name: str, drawn: Scenario
     assert list(contender.plans(drawn.scenarios, sim, PlannerConfig())) == []
     simulator = BatchSim(sim, num_envs=12, autoreset=False, scenarios=drawn.scenarios)
     # Its driver is made where there is no scenario at all, and drives with scan, goal and speed alone.
-    drive = contender.driver([], [], sim, ControllersConfig())
+    drive = contender.driver([], [], sim, ControllersConfig(), PlannerConfig())
     assert drive(Blindfolded(simulator), np.arange(12)).shape == (12, 2)  # type: ignore[arg-type]
 
 
@@ -71,10 +71,10 @@ def test_a_led_contender_gets_its_place_and_the_local_one_nothing_more(drawn: Sc
     contender, seen = enter("gap+astar"), []
     plans = list(contender.plans(drawn.scenarios, SIM, PlannerConfig()))
     simulator = BatchSim(SIM, num_envs=12, autoreset=False, scenarios=drawn.scenarios)
-    drive = contender.driver(drawn.scenarios, plans, SIM, ControllersConfig())
+    drive = contender.driver(drawn.scenarios, plans, SIM, ControllersConfig(), PlannerConfig())
     with pytest.raises(AttributeError, match="odometry"):
         drive(Blindfolded(simulator), np.arange(12))  # type: ignore[arg-type]
-    guide = Lookahead(plans, simulator.goals, distance=LOOKAHEAD)
+    guide = Lookahead(plans, simulator.goals, distance=PlannerConfig().lookahead)
 
     def local(
         ranges: NDArray[np.float32], goal: NDArray[np.float64], velocity: NDArray[np.float64]
@@ -86,7 +86,9 @@ def test_a_led_contender_gets_its_place_and_the_local_one_nothing_more(drawn: Sc
     [(ranges, goal, velocity)] = seen
     assert np.array_equal(ranges, simulator.ranges[[2, 5]])
     assert np.array_equal(velocity, simulator.velocities[[2, 5]])
-    targets = Lookahead(plans, simulator.goals, distance=LOOKAHEAD).update(simulator.poses[:, :2])[[2, 5]]
+    targets = Lookahead(plans, simulator.goals, distance=PlannerConfig().lookahead).update(simulator.poses[:, :2])[
+        [2, 5]
+    ]
     x, y, yaw = simulator.poses[[2, 5]].T
     assert goal[:, 0] == pytest.approx(np.hypot(targets[:, 0] - x, targets[:, 1] - y), rel=1e-6)
     bearing = np.arctan2(targets[:, 1] - y, targets[:, 0] - x)
@@ -101,10 +103,36 @@ def test_a_path_leads_around_what_a_straight_driver_meets() -> None:
     for planner in ("astar", "rrt"):
         contender = enter(f"pursuit+{planner}")
         plans = list(contender.plans(given.scenarios, SIM, PlannerConfig()))
-        drive = contender.driver(given.scenarios, plans, SIM, ControllersConfig())
+        drive = contender.driver(given.scenarios, plans, SIM, ControllersConfig(), PlannerConfig())
         episode = navrl.compare.measure(drive, given, SIM, num_threads=1).episodes[0]
         assert (episode.outcome, episode.needs_detour) == ("goal", True)
         assert episode.path_m == pytest.approx(plan(wall, planner).length, rel=0.1)
+
+
+@pytest.mark.parametrize(("name", "expected"), [("straight+astar", 0.6), ("pursuit+astar", 0.9)])
+def test_how_far_ahead_a_path_leads_is_a_setting(name: str, expected: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    given, seen = given_list([scenario(goal=(4.0, 0.0))], SIM), []
+
+    def command(
+        self: Controller, ranges: object, goal: NDArray[np.float64], *_: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        seen.append(goal[0, 0])
+        return np.zeros((1, 2))
+
+    monkeypatch.setattr(Controller, "command", command)
+    contender, planner = enter(name), PlannerConfig(lookahead=0.6)
+    controllers = ControllersConfig(pursuit=PursuitConfig(lookahead=0.9))
+    plans = list(contender.plans(given.scenarios, SIM, planner))
+    drive = contender.driver(given.scenarios, plans, SIM, controllers, planner)
+    drive(BatchSim(SIM, num_envs=1, autoreset=False, scenarios=given.scenarios), np.arange(1))
+    assert seen == pytest.approx([expected])
+
+
+def test_paths_are_not_followed_by_points_that_count_as_reached() -> None:
+    for name, key in (("straight+astar", "planner.lookahead"), ("pursuit+astar", "pursuit.lookahead")):
+        controllers, planner = ControllersConfig(pursuit=PursuitConfig(lookahead=0.09)), PlannerConfig(lookahead=0.09)
+        with pytest.raises(UserError, match=rf"^{key} = 0\.09: must be at least 0\.1, a third of task\.goal_radius$"):
+            enter(name).driver([], [], SIM, controllers, planner)
 
 
 def test_policies_are_led_by_the_goal_in_their_observation() -> None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from navrl import Scenario, SimConfig, evaluate
 from navrl.batch import BatchSim
+from navrl.comparing.contenders import along
 from navrl.config import (
     Config,
     ControllersConfig,
@@ -24,9 +25,9 @@ from navrl.config import (
     WorldConfig,
 )
 from navrl.controllers import NAMES, Controller, Name
-from navrl.evaluate import driver
+from navrl.evaluate import driver, measure
 from navrl.planners import Lookahead, Plan
-from navrl.scenarios import load_list
+from navrl.scenarios import given_list, load_list
 
 REPOSITORY = Path(__file__).parent.parent
 Array = NDArray[np.float64]
@@ -175,7 +176,7 @@ def test_a_robot_that_must_gather_speed_finds_the_way_around() -> None:
     )
     outcomes = []
     for interval in (0.1, 0.4):
-        dwa = dataclasses.replace(ControllersConfig().dwa, interval=interval)
+        dwa = DwaConfig(clearance=30.0, speed=7.0, horizon=3.0, clearance_max=2.8, reaction=0.4, interval=interval)
         controller = Controller("dwa", sim, ControllersConfig(dwa=dwa))
         outcomes.append(evaluate(controller, [wall], sim=sim).episodes[0].outcome)
     assert outcomes == ["timeout", "goal"]
@@ -207,15 +208,17 @@ def test_the_potential_field_stands_in_its_local_minimum() -> None:
     # It stands before the wall, whose side is at 2.8 m, and does not touch it.
     assert 1.0 < episode.path_m < 2.6
     # Others find the way round.
+    gap = GapConfig(reach=1.6, heading=0.7, border=0.3, turn_gain=3.5, slow_distance=0.6)
     for name in ("dwa", "gap"):
-        assert evaluate(Controller(name, QUIET), [behind_a_wall()], sim=QUIET).episodes[0].outcome == "goal"
+        controller = Controller(name, QUIET, ControllersConfig(gap=gap))
+        assert evaluate(controller, [behind_a_wall()], sim=QUIET).episodes[0].outcome == "goal"
 
 
 def test_the_potential_field_drives_straight_where_nothing_pushes() -> None:
     assert decide("apf", np.full(BEAMS, FAR), (3.0, 0.0)) == pytest.approx([0.5, 0.0], abs=1e-6)
-    v, omega = decide("apf", np.full(BEAMS, FAR), (3.0, 0.2))
-    assert v == pytest.approx(0.5 * math.cos(0.2), abs=1e-6)
-    assert omega == pytest.approx(0.2 * ControllersConfig().apf.turn_gain, abs=1e-6)
+    v, omega = decide("apf", np.full(BEAMS, FAR), (3.0, 0.05))
+    assert v == pytest.approx(0.5 * math.cos(0.05), abs=1e-6)
+    assert omega == pytest.approx(0.05 * ControllersConfig().apf.turn_gain, abs=1e-6)
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -256,7 +259,7 @@ def test_pursuit_slows_as_it_could_still_stop() -> None:
     # v x 0.3 s + v^2 / (2 m/s^2) <= 0.3 m leaves v <= 0.5307 m/s with one.
     ranges = np.full(BEAMS, FAR)
     ranges[45:135] = (0.25 + 0.02 + 0.3) / np.cos(ANGLES[45:135])
-    settings = ControllersConfig(pursuit=PursuitConfig(stop_time=0.2, margin=0.02))
+    settings = ControllersConfig(pursuit=PursuitConfig(stop_time=0.2, margin=0.02, detour=0.0))
     for acceleration, expected in ((0.0, 1.0), (1.0, 0.5307)):
         robot = RobotConfig(v_max=2.0, acceleration_max=acceleration)
         sim = dataclasses.replace(QUIET, robot=robot)
@@ -269,12 +272,41 @@ def test_pursuit_stops_before_an_obstacle() -> None:
     wall = Scenario(
         start=(0.0, 0.0, 0.0), goal=(5.0, 0.0), goal_radius=0.3, time_limit=20.0, boxes=[(3.0, 0.0, 0.0, 0.4, 2.0)]
     )
-    episode = evaluate(Controller("pursuit", QUIET), [wall], sim=QUIET).episodes[0]
+    settings = ControllersConfig(pursuit=PursuitConfig(detour=0.0))
+    episode = evaluate(Controller("pursuit", QUIET, settings), [wall], sim=QUIET).episodes[0]
     assert episode.outcome == "timeout"
     # The border of the disc of 0.25 m comes to the wall's side at 2.8 m but for the margin, and stays there.
     assert episode.min_clearance_m is not None
-    assert episode.min_clearance_m == pytest.approx(PursuitConfig().margin, abs=1e-4)
+    assert episode.min_clearance_m == pytest.approx(settings.pursuit.margin, abs=1e-4)
     assert episode.path_m == pytest.approx(2.8 - 0.25 - episode.min_clearance_m, abs=1e-3)
+
+
+def test_pursuit_steps_aside_for_what_stands_on_its_path() -> None:
+    # The map, and the path, know nothing of the post.
+    post = Scenario(
+        start=(0.0, 0.0, 0.0), goal=(6.0, 0.0), goal_radius=0.3, time_limit=40.0, boxes=[(3.0, 0.1, 0.0, 0.3, 0.3)]
+    )
+    path = np.stack([np.linspace(0, 6, 61), np.zeros(61)], axis=1)
+    outcomes = []
+    for detour in (0.0, 2.0):
+        settings = ControllersConfig(pursuit=PursuitConfig(detour=detour))
+        guide = Lookahead([Plan("found", path, 6.0, 0.0, 0, 0.0)], path[-1:], distance=settings.pursuit.lookahead)
+        drive = driver(Controller("pursuit", QUIET, settings), QUIET, towards=along(guide))
+        episode = measure(drive, given_list([post], QUIET), QUIET, num_threads=1).episodes[0]
+        outcomes.append(episode.outcome)
+    assert outcomes == ["timeout", "goal"]
+    # Beside what is free nothing changes: the arc is the same with and without.
+    ranges, goals, velocities = situations(20)
+    near = np.minimum(goals, [0.3, math.inf])
+    free = ranges.min(axis=1) > 0.25 + 0.02 + 0.3
+    aside, stubborn = (
+        Controller("pursuit", QUIET, ControllersConfig(pursuit=PursuitConfig(detour=detour))).command(
+            ranges[free], near[free], velocities[free]
+        )
+        for detour in (2.0, 0.0)
+    )
+    assert free.sum() > 5
+    assert np.array_equal(aside, stubborn)
 
 
 @pytest.mark.parametrize(
@@ -302,6 +334,45 @@ def test_pursuit_follows_a_path(path: Array) -> None:
     assert math.dist(pose[:2], path[-1]) < 0.1
     # A corner is cut by less than half of the look-ahead distance.
     assert furthest < settings.lookahead / 2
+
+
+# Robots that err
+
+
+def test_commands_that_act_late_are_decided_for_where_the_robot_will_be() -> None:
+    late = dataclasses.replace(QUIET, robot=RobotConfig(delay_steps=2))
+    ahead = Controller("straight", late)
+    nothing, goal, velocity = np.full((1, BEAMS), FAR), np.array([3.0, 0.2]), np.array([0.5, 0.0])
+    pose, given = np.zeros(3), []
+    place = goal[0] * np.array([math.cos(goal[1]), math.sin(goal[1])])
+    for _ in range(6):
+        seen = np.array([np.linalg.norm(place - pose[:2]), math.atan2(*(place - pose[:2])[::-1]) - pose[2]])
+        given.append(ahead.command(nothing, [seen], [velocity])[0])
+        # What acts now was given two decisions before; the robot stands until then.
+        waiting = ([np.zeros(2), np.zeros(2), *given])[-3:]
+        later = pose.copy()
+        for v, omega in waiting[:2]:
+            chord = v * 0.1 * np.sinc(omega * 0.05 / math.pi)
+            yaw = later[2] + omega * 0.05
+            later += [chord * math.cos(yaw), chord * math.sin(yaw), omega * 0.1]
+        there = np.array([np.linalg.norm(place - later[:2]), math.atan2(*(place - later[:2])[::-1]) - later[2]])
+        assert given[-1] == pytest.approx(
+            Controller("straight", QUIET).command(nothing, [there], [velocity])[0], abs=1e-5
+        )
+        velocity = waiting[0]
+        chord, yaw = velocity[0] * 0.1 * np.sinc(velocity[1] * 0.05 / math.pi), pose[2] + velocity[1] * 0.05
+        pose += [chord * math.cos(yaw), chord * math.sin(yaw), velocity[1] * 0.1]
+
+
+@pytest.mark.parametrize("name", ["dwa", "apf", "gap", "mppi", "pursuit"])
+def test_a_goal_that_odometry_misplaced_is_found(name: Name) -> None:
+    sim = SimConfig(robot=RobotConfig(odometry_noise=0.1))
+    goals = [(5.0 * math.cos(0.5 * k), 5.0 * math.sin(0.5 * k)) for k in range(24)]
+    tasks = [Scenario(start=(0.0, 0.0, 0.0), goal=goal, goal_radius=0.3, time_limit=60.0) for goal in goals]
+    settings = ControllersConfig(mppi=MppiConfig(samples=64))
+    episodes = evaluate(Controller(name, sim, settings), tasks, sim=sim).episodes
+    # Nearly half of them are believed to lie more than their radius away from where they are, some five times as far.
+    assert sum(episode.outcome == "goal" for episode in episodes) >= 20
 
 
 # All of them

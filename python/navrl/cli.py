@@ -261,8 +261,12 @@ def _add_tune(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
         epilog="The same command continues a search. Settings that are not searched: --KEY.PATH VALUE.",
     )
     parser.set_defaults(command="tune", run="tune:tune", takes_settings=True)
-    parser.add_argument("name", metavar="NAME", help="dwa, apf, gap or mppi")
-    parser.add_argument("--world", metavar="W", help="td3 (default), boxes or a world file (.json)")
+    parser.add_argument(
+        "name",
+        metavar="NAME",
+        help="dwa, apf, gap or mppi, or one of these or pursuit with a planner, such as pursuit+astar",
+    )
+    parser.add_argument("--world", metavar="W", help="td3 (default), boxes, walls, mixed or a world file (.json)")
     parser.add_argument("--boxes", metavar="K", help="number of boxes of the world boxes")
     _add_robot(parser)
     _add_level(parser)
@@ -270,7 +274,7 @@ def _add_tune(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
     parser.add_argument("--episodes", metavar="N", default="500", help="scenarios of a trial (default 500)")
     parser.add_argument("--seed", metavar="K", default="0", help="seed of the search (default 0)")
     parser.add_argument("--threads", metavar="N", help="threads (default: all cores); never changes results")
-    parser.add_argument("--out", metavar="DIR", required=True, help="folder of the search, new or its own")
+    parser.add_argument("--out", metavar="DIR", help="folder of the search, new or its own (default: in runs/)")
 
 
 def _add_config(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type

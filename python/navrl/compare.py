@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from navrl.batch import config_json
-from navrl.comparing.contenders import LOOKAHEAD, Contender, enter
+from navrl.comparing.contenders import Contender, enter
 from navrl.comparing.folder import ComparisonFolder, Record
 from navrl.comparing.pilot_errors import PilotError
 from navrl.comparing.progress import shown_drive, shown_plans
@@ -261,8 +261,7 @@ def _settings(
 ) -> dict[str, Any]:
     """Everything that results depend on besides the contender."""
     settings = {"navrl": version("navrl"), "level": level, "list": scenarios.name, "episodes": len(scenarios)}
-    led = {"planner": asdict(planner) | {"lookahead": LOOKAHEAD}}
-    tables = json.loads(config_json(sim)) | asdict(controllers) | led
+    tables = json.loads(config_json(sim)) | asdict(controllers) | {"planner": asdict(planner)}
     flat = {f"{table}.{key}": value for table, keys in tables.items() for key, value in keys.items()}
     return settings | {"list_sha256": scenarios.sha256, "seed": EVALUATION_SEED} | flat
 
@@ -278,7 +277,7 @@ def _run(
 ) -> Record:
     name, count = contender.name, len(scenarios)
     plans = shown_plans(contender.plans(scenarios.scenarios, sim, planner), name, count, display)
-    drive = contender.driver(scenarios.scenarios, plans, sim, controllers)
+    drive = contender.driver(scenarios.scenarios, plans, sim, controllers, planner)
     evaluation = measure(shown_drive(drive, name, count, display), scenarios, sim, num_threads=num_threads)
     times = decision_times(contender, scenarios.scenarios, sim, controllers, planner)
     scores = evaluation.summary.to_json() | {"knows_map": contender.planner is not None}

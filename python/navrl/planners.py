@@ -81,8 +81,12 @@ def plan(
     Raises:
         ValueError: A name or number out of range, or a resolution too fine for so large a world.
     """
-    settings = json.dumps(asdict(config or PlannerConfig()))
-    status, path, length, clearance, expansions, time = _navsim.plan(scenario, planner, radius, settings, seed, index)
+    settings = asdict(config or PlannerConfig())
+    # Who follows a path looks ahead; who plans one does not.
+    del settings["lookahead"]
+    status, path, length, clearance, expansions, time = _navsim.plan(
+        scenario, planner, radius, json.dumps(settings), seed, index
+    )
     path.flags.writeable = False
     return Plan(status, path, length, clearance, expansions, time)  # type: ignore[arg-type]
 

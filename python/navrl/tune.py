@@ -1,6 +1,7 @@
 """Finds settings of a classical controller: a search with a named budget on the tuning list, and on no other.
 
     tune("dwa", config, folder, trials=100, episodes=500) -> Tuned
+    tune("pursuit+astar", config, folder, trials=100, episodes=500)     the planner's margin with it
 
 The trials stand in FOLDER/study.db (SQLite): the same call continues a search that was cut short, with the trials that
 it would have made anyway, and a larger budget extends it. FOLDER/best.toml holds the best settings, for `--config`.
@@ -12,20 +13,24 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from time import process_time
 from typing import TYPE_CHECKING, Any
 
 from navrl.batch import config_json
-from navrl.config import Config, ControllersConfig
-from navrl.config.controllers import Tunable, searched
+from navrl.comparing.contenders import Contender, enter
+from navrl.config import Config
+from navrl.config.controllers import TUNABLE
 from navrl.config.files import tables_to_toml
-from navrl.controllers import Controller
+from navrl.config.levels import at_level
+from navrl.config.searching import Search, searched
 from navrl.durable import write_file
 from navrl.errors import UserError, shown
-from navrl.evaluate import Evaluation, evaluate
+from navrl.evaluate import Evaluation, measure
 from navrl.metrics import Scores
-from navrl.scenarios import load_list
+from navrl.planners import PLANNERS
+from navrl.scenarios import ScenarioList, load_list
 
 if TYPE_CHECKING:
     import optuna
@@ -36,20 +41,33 @@ STUDY_FILE = "study.db"
 BEST_FILE = "best.toml"
 SEED_STRIDE = 100_003
 """Seeds of the sampler's trials: seed x this + number of the trial."""
+END = 0.02
+"""A best value nearer to the end of what was searched than this share of it is told."""
+
+Space = dict[str, Search]
+"""What is searched, by key path."""
 
 
 @dataclass(frozen=True)
 class Tuned:
     """The best trial of a search."""
 
-    settings: ControllersConfig
-    """All settings, with the table of the controller as found."""
+    config: Config
+    """As given, with the settings as found."""
     trial: int
     """Number of the trial, from 0; 0 is that of the settings as configured."""
     cost_s: float
     """Mean time with FAILURE_COST, seconds."""
     scores: dict[str, Any]
     """Scores on the part of the tuning list that was driven."""
+    refused: int
+    """Trials of the budget whose settings exclude each other: they were not driven."""
+    at_ends: list[str]
+    """Settings that lie at the end of what was searched: a wider search may find better ones."""
+    cut: int = field(default=0, compare=False)
+    """Trials that were interrupted, and made again."""
+    cpu_s: float = field(default=0.0, compare=False)
+    """CPU time of all trials, seconds."""
 
 
 def penalised_time(evaluation: Evaluation, time_limit: float) -> float:
@@ -67,8 +85,22 @@ def penalised_time(evaluation: Evaluation, time_limit: float) -> float:
     return math.fsum(times) / len(times)
 
 
+def tunable(name: str) -> Contender:
+    """The contender of that name, if it has settings to search.
+
+    Raises:
+        UserError: It has none, or `pursuit` has no planner.
+    """
+    pilot, plus, planner = name.partition("+")
+    if pilot not in TUNABLE or (plus and planner not in PLANNERS):
+        raise UserError(
+            f"tune: {name}: must be one of {', '.join(TUNABLE)}, with or without + and one of {', '.join(PLANNERS)}"
+        )
+    return enter(name)
+
+
 def tune(
-    name: Tunable,
+    name: str,
     config: Config,
     folder: Path,
     *,
@@ -76,19 +108,21 @@ def tune(
     episodes: int,
     seed: int = 0,
     num_threads: int = 1,
+    command: str = "",
     report: Callable[[str], None] = lambda line: None,
 ) -> Tuned:
     """Searches the settings of a controller until `trials` trials are done.
 
     Args:
-        name: One of TUNABLE.
+        name: One of TUNABLE, or one of them, "+" and a planner, whose margin and look-ahead are then searched too.
         config: World, robot, lidar and task to tune for; the settings to begin with, which also hold what is not
-            searched.
+            searched. One that lies outside of what is searched widens it.
         folder: Of the study; made if missing, continued if it holds the same search.
         trials: Budget, counted over all calls.
         episodes: Scenarios of each trial, the first of the tuning list.
         seed: Names the search's random numbers.
         num_threads: Threads that step the robots; they do not change results.
+        command: What was typed, for the head of BEST_FILE.
         report: Takes one line whenever a trial is the best so far.
 
     Returns:
@@ -97,33 +131,75 @@ def tune(
     Raises:
         UserError: Optuna is missing, the folder holds another search, or the list is shorter.
     """
+    contender = tunable(name)
+    space = _space(contender, config)
     scenarios = load_list(config.sim, "tuning", count=episodes, num_threads=num_threads)
     task = {
         "controller": name,
         "list_sha256": scenarios.sha256,
         "seed": seed,
-        "first": json.dumps(asdict(config.controllers)),
+        "first": json.dumps(asdict(config.controllers) | {"planner": asdict(config.planner)}),
+        "space": json.dumps({key: asdict(search) for key, search in space.items()}),
         "sim": config_json(config.sim),
     }
     study = _open(folder, task)
-    while True:
-        done = [trial for trial in study.trials if trial.value is not None]
-        if len(done) >= trials:
-            break
-        trial = _ask(study, name, config, seed, len(done))
-        settings = _with(config.controllers, name, trial.params)
-        controller = Controller(name, config.sim, settings)
-        evaluation = evaluate(controller, scenarios, sim=config.sim, num_threads=num_threads)
-        cost = penalised_time(evaluation, config.task.time_limit)
+    lowest = math.inf
+    while len(_told(study)) < trials:
+        number = len(_told(study))
+        trial = _ask(study, space, config, seed, number)
+        begin = process_time()
+        evaluation = _drive(contender, config, trial, scenarios, num_threads)
+        if study.trials[trial.number].state.is_finished():
+            raise UserError(f"{folder}: another process searches there, too")
+        trial.set_user_attr("cpu_s", process_time() - begin)
+        if evaluation is None:
+            study.tell(trial, state=_failed())
+            continue
         trial.set_user_attr("scores", evaluation.summary.to_json())
+        cost = penalised_time(evaluation, config.task.time_limit)
         study.tell(trial, cost)
-        if not done or cost < min(other.value for other in done if other.value is not None):
-            report(_line(len(done), trials, cost, evaluation.summary))
-            best = _best(study, name, config)
-            write_file(folder / BEST_FILE, _best_toml(best, name, config, len(done) + 1, episodes, seed).encode())
-    best = _best(study, name, config)
-    write_file(folder / BEST_FILE, _best_toml(best, name, config, len(done), episodes, seed).encode())
+        if cost < min(lowest, *(other.value for other in _told(study)[:number] if other.value is not None), math.inf):
+            report(_line(number, trials, cost, evaluation.summary))
+            _write(folder, _best(study, space, config), name, space, config, trials, scenarios, seed, command)
+        lowest = min(lowest, cost)
+    best = _best(study, space, config)
+    _write(folder, best, name, space, config, trials, scenarios, seed, command)
     return best
+
+
+def _space(contender: Contender, config: Config) -> Space:
+    """What is searched of the contender's settings, and of its planner's; it holds the settings as configured."""
+    tables = [str(contender.pilot)] + ["planner"] * (contender.planner is not None)
+    space = {}
+    for table in tables:
+        for key, search in searched(type(getattr(config, table))).items():
+            # `pursuit` has a look-ahead distance of its own.
+            own = (table, key, contender.pilot) == ("planner", "lookahead", "pursuit")
+            # Without limits every speed is reached at once, and this setting does nothing.
+            idle = (table, key) == ("dwa", "interval") and not config.robot.acceleration_max
+            if own or idle:
+                continue
+            value = getattr(getattr(config, table), key)
+            if search.log and value <= 0:
+                raise UserError(f"{table}.{key} = {value}: a search by powers cannot begin there; choose one above 0")
+            number = type(value)
+            low, high = number(min(search.low, value)), number(max(search.high, value))
+            space[f"{table}.{key}"] = replace(search, low=low, high=high)
+    return space
+
+
+def _drive(
+    contender: Contender, config: Config, trial: optuna.Trial, scenarios: ScenarioList, num_threads: int
+) -> Evaluation | None:
+    """Drives the list with the settings of a trial; nothing if they exclude each other."""
+    try:
+        tried = _with(config, trial.params)
+        plans = list(contender.plans(scenarios.scenarios, config.sim, tried.planner))
+        drive = contender.driver(scenarios.scenarios, plans, config.sim, tried.controllers, tried.planner)
+    except UserError as error:
+        trial.set_user_attr("refused", str(error))
+        return None
+    return measure(drive, scenarios, config.sim, num_threads=num_threads)
 
 
 def _open(folder: Path, task: dict[str, Any]) -> optuna.Study:
@@ -147,45 +223,105 @@ def _open(folder: Path, task: dict[str, Any]) -> optuna.Study:
     return study
 
 
-def _ask(study: optuna.Study, name: Tunable, config: Config, seed: int, number: int) -> optuna.Trial:
+def _failed() -> optuna.trial.TrialState:
+    import optuna
+
+    return optuna.trial.TrialState.FAIL
+
+
+def _told(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
+    """The trials that count: those that were driven, and those that were refused."""
+    trials = study.get_trials(deepcopy=False)
+    return [trial for trial in trials if trial.value is not None or "refused" in trial.user_attrs]
+
+
+def _ask(study: optuna.Study, space: Space, config: Config, seed: int, number: int) -> optuna.Trial:
     """The next trial: it depends on the seed and the trials that are done, not on interruptions."""
     import optuna
 
-    space = searched(name)
     # Trials that were cut short teach nothing.
     for cut in study.get_trials(deepcopy=False, states=(optuna.trial.TrialState.RUNNING,)):
-        study.tell(cut.number, state=optuna.trial.TrialState.FAIL)
+        study.tell(cut.number, state=_failed())
     if number == 0:
-        first = asdict(getattr(config.controllers, name))
-        study.enqueue_trial({key: min(max(first[key], s.low), s.high) for key, s in space.items()})
+        study.enqueue_trial(_values(config, space))
     study.sampler = optuna.samplers.TPESampler(seed=seed * SEED_STRIDE + number)
-    return study.ask(
-        {key: optuna.distributions.FloatDistribution(s.low, s.high, log=s.log) for key, s in space.items()}
-    )
+    return study.ask({key: _distribution(search) for key, search in space.items()})
 
 
-def _with(settings: ControllersConfig, name: Tunable, values: dict[str, float]) -> ControllersConfig:
-    # Four digits say all that a search can know.
-    rounded = {key: float(f"{value:.4g}") for key, value in values.items()}
-    return replace(settings, **{name: replace(getattr(settings, name), **rounded)})
+def _distribution(search: Search) -> optuna.distributions.BaseDistribution:
+    import optuna
+
+    if isinstance(search.low, int) and isinstance(search.high, int):
+        return optuna.distributions.IntDistribution(search.low, search.high, log=search.log)
+    return optuna.distributions.FloatDistribution(search.low, search.high, log=search.log)
 
 
-def _best(study: optuna.Study, name: Tunable, config: Config) -> Tuned:
-    best, done = study.best_trial, [trial.number for trial in study.trials if trial.value is not None]
+def _values(config: Config, space: Space) -> dict[str, float]:
+    """The settings of a configuration that are searched."""
+    return {key: getattr(getattr(config, key.partition(".")[0]), key.partition(".")[2]) for key in space}
+
+
+def _with(config: Config, values: dict[str, float]) -> Config:
+    for path, value in values.items():
+        table, _, key = path.partition(".")
+        # Four digits say all that a search can know.
+        rounded = value if isinstance(value, int) else float(f"{value:.4g}")
+        config = replace(config, **{table: replace(getattr(config, table), **{key: rounded})})
+    return config
+
+
+def _best(study: optuna.Study, space: Space, config: Config) -> Tuned:
+    best, told = study.best_trial, _told(study)
     assert best.value is not None
-    settings = _with(config.controllers, name, best.params)
-    return Tuned(settings, done.index(best.number), best.value, best.user_attrs["scores"])
-
-
-def _best_toml(best: Tuned, name: Tunable, config: Config, trials: int, episodes: int, seed: int) -> str:
-    world = config.world.name + (f" with {config.world.boxes} boxes" if config.world.name == "boxes" else "")
-    low, high = best.scores["success_ci95"]
-    return (
-        f"# navrl tune {name}: trial {best.trial} of {trials}, seed {seed}, each on the first {episodes} scenarios of\n"
-        f"# the tuning list of {world}: success {best.scores['success_rate']:.4f} [{low:.4f}, {high:.4f}],"
-        f" SPL {best.scores['spl']:.3f}, cost {best.cost_s:.2f} s\n"
-        + tables_to_toml({name: asdict(getattr(best.settings, name))})
+    every = study.get_trials(deepcopy=False)
+    return Tuned(
+        config=_with(config, best.params),
+        trial=[trial.number for trial in told].index(best.number),
+        cost_s=best.value,
+        scores=best.user_attrs["scores"],
+        refused=sum(trial.value is None for trial in told),
+        at_ends=[key for key, search in space.items() if _at_end(best.params[key], search)],
+        cut=len(every) - len(told),
+        cpu_s=sum(trial.user_attrs["cpu_s"] for trial in told),
     )
+
+
+def _at_end(value: float, search: Search) -> bool:
+    low, high, place = ((math.log(x) if search.log else x) for x in (search.low, search.high, value))
+    return not END <= (place - low) / (high - low) <= 1 - END
+
+
+def _write(
+    folder: Path,
+    best: Tuned,
+    name: str,
+    space: Space,
+    config: Config,
+    trials: int,
+    scenarios: ScenarioList,
+    seed: int,
+    command: str,
+) -> None:
+    """Writes the best settings, and above them how they were found."""
+    world = config.world.name + (f" with {config.world.boxes} boxes" if config.world.name == "boxes" else "")
+    level = "real" if at_level(config, "real") == config else "ideal"
+    low, high = best.scores["success_ci95"]
+    first = _values(config, space)
+    lines = [
+        command or f"navrl.tune.tune({name!r}, ...)",
+        f"trial {best.trial} of {trials}, {best.cpu_s:.0f} s of CPU, seed {seed}, each on the first {len(scenarios)}"
+        " scenarios of the tuning list of",
+        f"{world}, level {level}: success {best.scores['success_rate']:.4f} [{low:.4f}, {high:.4f}],"
+        f" SPL {best.scores['spl']:.3f}, cost {best.cost_s:.2f} s",
+        f"not counted: {best.cut} cut short; refused as settings that exclude each other: {best.refused}",
+        "it began with, and searched:",
+        *(f"  {key} = {first[key]}, {s.low} to {s.high}{' by powers' * s.log}" for key, s in space.items()),
+        *(f"at the end of what was searched: {key}" for key in best.at_ends),
+    ]
+    head = "".join(f"# {line}\n" for line in lines)
+    tables = {key.partition(".")[0]: None for key in space}
+    found = tables_to_toml({table: asdict(getattr(best.config, table)) for table in tables})
+    write_file(folder / BEST_FILE, (head + found).encode())
 
 
 def _line(number: int, trials: int, cost: float, scores: Scores) -> str:

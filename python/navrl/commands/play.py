@@ -22,7 +22,7 @@ def play(options: Namespace) -> int:
     robots = with_idle(scenarios, index, sim)
     print(f"navrl: {contender.name} drives scenario {index} of {place(options, sim)}", file=sys.stderr)
     plans = list(contender.plans(robots, sim, config.planner))
-    driver = contender.driver(robots, plans, sim, config.controllers)
+    driver = contender.driver(robots, plans, sim, config.controllers, config.planner)
     trajectory = drive(driver, robots, sim, planned=plans[-1].path if plans else None)
     speed = write(trajectory, target, title=f"{contender.name} on {place(options, sim)}, scenario {index}")
     shown = "" if speed is None else f", shown {speed:.3g} times as fast"

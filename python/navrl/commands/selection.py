@@ -62,9 +62,10 @@ def contest(options: Namespace, names: Sequence[str]) -> "tuple[Config, SimConfi
         sim = simulator(options, first.name.removesuffix(f"+{first.planner}"), first.policy.description)
         if options.level == "ideal" and at_level(sim, "real") == sim:
             raise UserError(f"{first.name}: was trained for --level real")
+        sim = at_level(sim, options.level)
     for contender in contenders:
         contender.check(sim, options.level)
-    return config, at_level(sim, options.level), contenders
+    return config, sim, contenders
 
 
 def place(options: Namespace, sim: "SimConfig") -> str:

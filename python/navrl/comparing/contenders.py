@@ -3,7 +3,7 @@
     contender = enter("default+astar")                          a name, read; policies are loaded
     contender = enter("mine+astar", my_controller)              a pilot of yours, with or without a planner
     plans = list(contender.plans(scenarios, sim, config))       the paths that lead it
-    drive = contender.driver(scenarios, plans, sim, controllers)    what the evaluator calls in every period
+    drive = contender.driver(scenarios, plans, sim, controllers, config)    what the evaluator calls in every period
 
 Only a contender with a planner gets the map, and only the planner reads it: the pilot has its scan, the goal that it is
 led to, and its own speed, as all others have.
@@ -33,9 +33,6 @@ from navrl.scenarios import robot_radius
 if TYPE_CHECKING:
     from navrl.batch import BatchSim, Scenario
     from navrl.config import ControllersConfig, PlannerConfig, SimConfig
-
-LOOKAHEAD = 1.0
-"""How far ahead on the path (m) an intermediate goal lies; for "pursuit" as far as `pursuit.lookahead` says."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +103,7 @@ class Contender:
         plans: Sequence[Plan],
         sim: SimConfig,
         controllers: ControllersConfig,
+        planner: PlannerConfig,
         *,
         first: int = 0,
     ) -> Driver:
@@ -116,15 +114,24 @@ class Contender:
             plans: What `plans` gave for them.
             sim: Robot and lidar.
             controllers: Settings.
+            planner: Says how far ahead on its path an intermediate goal lies, for "pursuit" `pursuit.lookahead` does.
             first: Place of the first of these scenarios in its list, for what is said when the user's pilot fails.
 
         Returns:
             The driver.
+
+        Raises:
+            UserError: A look-ahead distance of less than a third of the goal's radius.
         """
         pilot = Controller(self.pilot, sim, controllers) if isinstance(self.pilot, str) else self.pilot
         towards = None
         if self.planner is not None:
-            distance = controllers.pursuit.lookahead if self.pilot == "pursuit" else LOOKAHEAD
+            distance = (controllers.pursuit if self.pilot == "pursuit" else planner).lookahead
+            # A controller that has been so near to its goal in vain looks for it elsewhere.
+            least = sim.task.goal_radius / 3
+            if distance < least:
+                key = "pursuit.lookahead" if self.pilot == "pursuit" else "planner.lookahead"
+                raise UserError(f"{key} = {distance}: must be at least {least:.4g}, a third of task.goal_radius")
             goals = np.array([scenario.goal for scenario in scenarios])
             towards = along(Lookahead(plans, goals, distance=distance))
         drive = driver(pilot, sim, towards=towards)

@@ -54,7 +54,7 @@ def decision_times(
 
     for place, scenario in cycle(enumerate(scenarios)):
         plans = list(contender.plans([scenario], sim, planner))
-        drive = contender.driver([scenario], plans, sim, controllers, first=place)
+        drive = contender.driver([scenario], plans, sim, controllers, planner, first=place)
         simulator = BatchSim(sim, num_envs=1, seed=EVALUATION_SEED, autoreset=False, scenarios=[scenario])
         for _ in steps(timed, simulator, np.arange(1)):
             if len(times) >= WARM_UP + CALLS:

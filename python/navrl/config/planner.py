@@ -6,6 +6,7 @@ from pydantic import AfterValidator, Field
 from pydantic.dataclasses import dataclass
 
 from navrl.config.faults import STRICT, one_line
+from navrl.config.searching import Search
 
 SPACING_MIN = 1e-3
 """Least distance (m) of neighbouring points, if there is one."""
@@ -29,7 +30,7 @@ _Crew = Annotated[int, Field(ge=1, le=10_000)]
 class PlannerConfig:
     """Paths through a known world: `navrl.planners`; each planner reads its own settings."""
 
-    margin: Annotated[float, Field(ge=0, le=100)] = 0.1
+    margin: Annotated[float, Field(ge=0, le=100), Search(0.005, 1, log=True)] = 0.1
     """Clearance (m) wanted beyond the radius. Where start, goal or every way is narrower, half of it; then none."""
     resolution: _Cell = 0.05
     """Side of a cell (m) of "astar", "dijkstra" and "fmm"; a map has at most 10 million cells."""
@@ -55,3 +56,5 @@ class PlannerConfig:
     """Whether a path is pulled tight."""
     spacing: _Spacing = 0.1
     """Largest distance (m) of neighbouring points of a path, 0 or at least 0.001; 0 leaves its corners only."""
+    lookahead: Annotated[float, Field(ge=1e-3, le=1000), Search(0.2, 5, log=True)] = 1.0
+    """How far ahead on its path (m) the intermediate goal of a led contender lies; of `pursuit` `pursuit.lookahead`."""

@@ -1,15 +1,18 @@
 //! Local controllers: from what a robot has (a scan, its goal, its own speed) to a command, for many robots at once.
 //!
 //! No controller knows the map: [`Controller::command`] gets arrays and nothing else. All obey the same limits. A robot
-//! that is no disc counts as the smallest disc that holds it.
+//! that is no disc counts as the smallest disc that holds it. Commands that act late are foreseen, and a goal that is not
+//! where the robot believes it to be is looked for, for all of them alike.
 
 mod clearance_map;
 mod dwa;
+mod foresight;
 mod gap;
 mod mppi;
 mod potential_field;
 mod pursuit;
 mod scene;
+mod seek;
 mod settings;
 
 pub use settings::{ApfConfig, ControllersConfig, DwaConfig, GapConfig, MppiConfig, PursuitConfig};
@@ -18,7 +21,7 @@ use crate::batch::ROBOTS_MAX;
 use crate::config::{RobotConfig, SimConfig};
 use crate::cpu::DefaultMode;
 use crate::error::{Error, Result, expect_length};
-use crate::pose::wrap_angle;
+use crate::pose::distance;
 use crate::rng::{Purpose, Split, Stream, StreamName};
 use crate::robot::{Footprint, limit_acceleration};
 use scene::{Eye, Scene};
@@ -132,6 +135,8 @@ enum Law {
 struct Memory {
     /// Decisions made since the last reset.
     decisions: u64,
+    foresight: foresight::Foresight,
+    seek: seek::Seek,
     plan: mppi::Plan,
 }
 
@@ -141,6 +146,7 @@ pub struct Controller {
     law: Law,
     robot: RobotConfig,
     limits: Limits,
+    seeker: seek::Seeker,
     period: f64,
     eye: Eye,
     scene: Scene,
@@ -166,7 +172,7 @@ impl Controller {
     /// `random`.
     ///
     /// # Errors
-    /// A setting out of its range.
+    /// A setting out of its range, or another word in `NAVRL_ISA`.
     pub fn new(kind: Kind, config: &ControllersConfig, sim: &SimConfig, seed: u64) -> Result<Self> {
         sim.validate()?;
         config.validate()?;
@@ -184,7 +190,7 @@ impl Controller {
             Kind::Dwa1997 => Law::Dwa(dwa::Dwa::new(&config.dwa.clone().of_1997(sim.lidar.range_max))),
             Kind::Apf => Law::Apf(config.apf.clone()),
             Kind::Gap => Law::Gap(gap::Gap::new(&config.gap)),
-            Kind::Mppi => Law::Mppi(mppi::Mppi::new(&config.mppi, &limits)),
+            Kind::Mppi => Law::Mppi(mppi::Mppi::new(&config.mppi, &limits)?),
             Kind::Pursuit => Law::Pursuit(pursuit::Pursuit::new(&config.pursuit)),
             Kind::Straight => Law::Straight,
             Kind::Random => Law::Random,
@@ -193,6 +199,7 @@ impl Controller {
             law,
             robot: robot.clone(),
             limits,
+            seeker: seek::Seeker { radius: sim.task.goal_radius, v_max: robot.v_max, period: sim.task.period },
             period: sim.task.period,
             eye: Eye::new(&sim.lidar),
             scene: Scene::default(),
@@ -258,13 +265,19 @@ impl Controller {
     fn decide(&mut self, robot: usize, goal: [f64; 2], velocity: [f64; 2]) -> [f64; 2] {
         let Self { law, limits, eye, scene, memories, .. } = self;
         let memory = &mut memories[robot];
-        let (distance, angle) = (goal[0], wrap_angle(goal[1]));
-        let (sin, cos) = libm::sincos(angle);
+        let (sin, cos) = libm::sincos(goal[1]);
+        let (mut goal, mut velocity) = ([goal[0] * cos, goal[0] * sin], velocity);
+        if self.robot.delay_steps > 0 {
+            let (pose, later) = memory.foresight.look(velocity, self.period, &self.robot);
+            scene.move_to(&pose);
+            (goal, velocity) = (pose.inverse_transform(goal), later);
+        }
+        let goal = memory.seek.target(goal, velocity[0], &self.seeker);
         let sight = Sight {
             scene,
-            goal: [(distance * cos) as f32, (distance * sin) as f32],
-            goal_distance: distance as f32,
-            goal_angle: angle as f32,
+            goal: goal.map(|part| part as f32),
+            goal_distance: distance([0.0; 2], goal) as f32,
+            goal_angle: libm::atan2(goal[1], goal[0]) as f32,
             velocity: velocity.map(|v| v as f32),
             half_fov: eye.half_fov,
             middle: eye.middle,
@@ -282,7 +295,9 @@ impl Controller {
         };
         memory.decisions += 1;
         let [v, omega] = limit_acceleration(wanted.map(f64::from), velocity, self.period, &self.robot);
-        [v.clamp(0.0, self.robot.v_max), omega.clamp(-self.robot.omega_max, self.robot.omega_max)]
+        let command = [v.clamp(0.0, self.robot.v_max), omega.clamp(-self.robot.omega_max, self.robot.omega_max)];
+        memory.foresight.give(command);
+        command
     }
 }
 

@@ -80,6 +80,16 @@ impl Scene {
     pub fn points(&self) -> impl Iterator<Item = [f32; 2]> + '_ {
         self.x.iter().zip(&self.y).map(|(&x, &y)| [x, y])
     }
+
+    /// Sees the points from `pose` in the frame that they were in.
+    pub fn move_to(&mut self, pose: &Pose) {
+        let (sin, cos) = libm::sincos(pose.yaw);
+        let (sin, cos, to_x, to_y) = (sin as f32, cos as f32, pose.x as f32, pose.y as f32);
+        for (x, y) in self.x.iter_mut().zip(&mut self.y) {
+            let (dx, dy) = (*x - to_x, *y - to_y);
+            (*x, *y) = (cos * dx + sin * dy, cos * dy - sin * dx);
+        }
+    }
 }
 
 /// The points that a disc about the robot's centre may meet, prepared for `free_way`.

@@ -121,6 +121,8 @@ pub struct PursuitConfig {
     pub turn_in_place: f64,
     /// Turning speed per angle while turning in place, 1/s.
     pub turn_gain: f64,
+    /// Angle up to which arcs beside a blocked one are tried, rad.
+    pub detour: f64,
     /// Arcs of a smaller radius are driven slower in proportion, m.
     pub radius_min: f64,
     /// Distance to the goal at which the robot begins to slow, m.
@@ -186,6 +188,7 @@ impl ControllersConfig {
             ("pursuit.lookahead", pursuit.lookahead, 1e-3..=1000.0),
             ("pursuit.turn_in_place", pursuit.turn_in_place, 0.0..=3.2),
             ("pursuit.turn_gain", pursuit.turn_gain, 0.0..=1000.0),
+            ("pursuit.detour", pursuit.detour, 0.0..=3.2),
             ("pursuit.radius_min", pursuit.radius_min, 0.0..=1000.0),
             ("pursuit.approach", pursuit.approach, 0.0..=1000.0),
             ("pursuit.v_min", pursuit.v_min, 0.0..=100.0),
