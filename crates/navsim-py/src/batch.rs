@@ -50,6 +50,7 @@ fn view_of<'py, T: Element, D: IntoDimension>(
 #[pymethods]
 impl BatchSim {
     #[new]
+    #[expect(clippy::too_many_arguments, reason = "keywords of navrl.BatchSim")]
     fn new(
         py: Python<'_>,
         config: &str,
