@@ -34,15 +34,15 @@ class Measured(NamedTuple):
 
 
 MEASURED = [
-    Measured("dwa", "td3", "ideal", 100, 98, 0, 0.764),
-    Measured("dwa", "boxes", "ideal", 100, 100, 0, 0.762),
-    Measured("dwa", "td3", "real", 100, 96, 1, 0.754),
-    Measured("gap", "td3", "ideal", 100, 94, 0, 0.877),
-    Measured("gap", "boxes", "ideal", 100, 89, 0, 0.832),
-    Measured("gap", "td3", "real", 100, 94, 0, 0.876),
-    Measured("mppi", "td3", "ideal", 20, 20, 0, 0.856),
-    Measured("pursuit+astar", "td3", "ideal", 100, 100, 0, 0.981),
-    Measured("pursuit+astar", "boxes", "ideal", 100, 100, 0, 0.966),
+    Measured("dwa", "td3", "ideal", 100, 99, 0, 0.805),
+    Measured("dwa", "boxes", "ideal", 100, 99, 0, 0.792),
+    Measured("dwa", "td3", "real", 100, 97, 0, 0.757),
+    Measured("gap", "td3", "ideal", 100, 95, 0, 0.860),
+    Measured("gap", "boxes", "ideal", 100, 94, 0, 0.851),
+    Measured("gap", "td3", "real", 100, 94, 0, 0.858),
+    Measured("mppi", "td3", "ideal", 20, 20, 0, 0.943),
+    Measured("pursuit+astar", "td3", "ideal", 100, 100, 0, 0.969),
+    Measured("pursuit+astar", "boxes", "ideal", 100, 100, 0, 0.956),
 ]
 WEAKER = {
     "dwa": ControllersConfig(dwa=DwaConfig(heading=2.0, clearance=0.2, speed=0.2)),

@@ -136,6 +136,17 @@ def test_scores_do_not_depend_on_threads() -> None:
     assert one == two
 
 
+def test_a_class_made_from_a_policy_acts_as_it_says() -> None:
+    class Standing(Policy):
+        def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+            return np.tile(np.array([-1.0, 0.0], np.float32), (len(observations), 1))
+
+    trained = trained_like()
+    drawn = load_list(SimConfig(), "test", count=20)
+    standing = evaluate(Standing(trained.weights, trained.description), drawn, sim=SimConfig())
+    assert standing.summary.timeout_rate == 1.0
+
+
 def test_an_episode_does_not_depend_on_what_runs_beside_it() -> None:
     """The lidar's noise is named by the place in the list, so any beginning of the list gives the same episodes."""
     drawn = load_list(SimConfig(), "test", count=130)

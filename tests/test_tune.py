@@ -59,7 +59,7 @@ def test_all_that_is_searched_is_allowed_and_holds_what_ships(table: object) -> 
         assert search.low < search.high
         for value in (search.low, search.high):
             assert getattr(replace(table, **{key: value}), key) == value  # type: ignore[type-var]
-        # What ships was found by the search or is its beginning, and lies at neither end.
+        # What ships lies at neither end of what a search would look at now.
         value = getattr(table, key)
         assert search.low < value < search.high
         assert not navrl.tune._at_end(value, search)
@@ -125,6 +125,9 @@ def test_settings_that_exclude_each_other_are_counted_and_told(tmp_path: Path) -
     pytest.importorskip("optuna", reason="Optuna is not installed: nothing is searched")
     # A goal of 2.4 m lets nobody look ahead by less than 0.8 m.
     wide = replace(BOXES, task=replace(BOXES.task, goal_radius=2.4), pursuit=replace(BOXES.pursuit, lookahead=0.9))
+    never = replace(wide, pursuit=replace(wide.pursuit, lookahead=0.35))
+    with pytest.raises(UserError, match="no trial could be driven: .*look"):
+        tune("pursuit+astar", never, tmp_path / "never", trials=1, episodes=3)
     best = tune("pursuit+astar", wide, tmp_path, trials=6, episodes=3)
     assert 0 < best.refused < 6
     assert f"refused as settings that exclude each other: {best.refused}\n" in (tmp_path / "best.toml").read_text()

@@ -121,7 +121,8 @@ def evaluate(
         scenarios = load_list(sim, scenarios, num_threads=threads)
     elif not isinstance(scenarios, ScenarioList):
         scenarios = given_list(scenarios, sim, num_threads=threads)
-    if isinstance(pilot, Policy):
+    # A class made from Policy may act otherwise, and need not bear several threads.
+    if type(pilot) is Policy:
         return _in_shares(pilot, scenarios, sim, threads)
     return measure(driver(pilot, sim), scenarios, sim, num_threads=threads)
 

@@ -242,7 +242,8 @@ def _ask(study: optuna.Study, space: Space, config: Config, seed: int, number: i
     # Trials that were cut short teach nothing.
     for cut in study.get_trials(deepcopy=False, states=(optuna.trial.TrialState.RUNNING,)):
         study.tell(cut.number, state=_failed())
-    if number == 0:
+    waiting = study.get_trials(deepcopy=False, states=(optuna.trial.TrialState.WAITING,))
+    if number == 0 and not waiting:
         study.enqueue_trial(_values(config, space))
     study.sampler = optuna.samplers.TPESampler(seed=seed * SEED_STRIDE + number)
     return study.ask({key: _distribution(search) for key, search in space.items()})
@@ -271,7 +272,11 @@ def _with(config: Config, values: dict[str, float]) -> Config:
 
 
 def _best(study: optuna.Study, space: Space, config: Config) -> Tuned:
-    best, told = study.best_trial, _told(study)
+    told = _told(study)
+    driven = [trial for trial in told if trial.value is not None]
+    if not driven:
+        raise UserError(f"tune: no trial could be driven: {told[-1].user_attrs['refused']}")
+    best = study.best_trial
     assert best.value is not None
     every = study.get_trials(deepcopy=False)
     return Tuned(
@@ -282,7 +287,8 @@ def _best(study: optuna.Study, space: Space, config: Config) -> Tuned:
         refused=sum(trial.value is None for trial in told),
         at_ends=[key for key, search in space.items() if _at_end(best.params[key], search)],
         cut=len(every) - len(told),
-        cpu_s=sum(trial.user_attrs["cpu_s"] for trial in told),
+        # A trial that was refused may have been cut short after that was noted.
+        cpu_s=sum(trial.user_attrs.get("cpu_s", 0.0) for trial in told),
     )
 
 
