@@ -312,5 +312,7 @@ def test_settings_of_controllers_count(tmp_path: Path) -> None:
     a, b, c = (untimed(tmp_path / out)["contenders"] for out in "abc")
     assert a == b
     assert a[0] != c[0]
-    assert a[1] == c[1]
+    # What it does alone is the same; means over what all solve depend on the other.
+    alone = [{key: value for key, value in one.items() if not key.startswith("common_")} for one in (a[1], c[1])]
+    assert alone[0] == alone[1]
     assert load_policy("default").description.v_max == 0.5

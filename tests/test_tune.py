@@ -126,11 +126,37 @@ def test_settings_that_exclude_each_other_are_counted_and_told(tmp_path: Path) -
     # A goal of 2.4 m lets nobody look ahead by less than 0.8 m.
     wide = replace(BOXES, task=replace(BOXES.task, goal_radius=2.4), pursuit=replace(BOXES.pursuit, lookahead=0.9))
     never = replace(wide, pursuit=replace(wide.pursuit, lookahead=0.35))
-    with pytest.raises(UserError, match="no trial could be driven: .*look"):
+    with pytest.raises(UserError, match=r"no trial could be driven: .*look"):
         tune("pursuit+astar", never, tmp_path / "never", trials=1, episodes=3)
-    best = tune("pursuit+astar", wide, tmp_path, trials=6, episodes=3)
+    best = tune("pursuit+astar", wide, tmp_path / "some", trials=6, episodes=3)
     assert 0 < best.refused < 6
-    assert f"refused as settings that exclude each other: {best.refused}\n" in (tmp_path / "best.toml").read_text()
+    assert (
+        f"refused as settings that exclude each other: {best.refused}\n"
+        in (tmp_path / "some" / "best.toml").read_text()
+    )
+
+
+def test_what_differs_is_named_and_a_smaller_budget_refused(tmp_path: Path) -> None:
+    pytest.importorskip("optuna", reason="Optuna is not installed: nothing is searched")
+    tune("gap", BOXES, tmp_path / "study", trials=2, episodes=3)
+    other = replace(BOXES, gap=replace(BOXES.gap, reach=2.5))
+    with pytest.raises(UserError, match=r"study: holds a search with another gap\.reach: .*, not 2\.5"):
+        tune("gap", other, tmp_path / "study", trials=2, episodes=3)
+    with pytest.raises(UserError, match=r"study: holds a search with another episodes: 3, not 4"):
+        tune("gap", BOXES, tmp_path / "study", trials=2, episodes=4)
+    with pytest.raises(UserError, match=r"study: holds 2 trials already, more than 1"):
+        tune("gap", BOXES, tmp_path / "study", trials=1, episodes=3)
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "settings.json").touch()
+    with pytest.raises(UserError, match=r"other: is not empty and holds no search"):
+        tune("gap", BOXES, tmp_path / "other", trials=1, episodes=3)
+
+
+def test_cells_too_small_for_the_map_are_refused_in_one_line(tmp_path: Path) -> None:
+    pytest.importorskip("optuna", reason="Optuna is not installed: nothing is searched")
+    fine = replace(BOXES, planner=replace(BOXES.planner, resolution=0.001))
+    with pytest.raises(UserError, match=r"no trial could be driven: planner\.resolution = 0\.001: expected at least"):
+        tune("pursuit+astar", fine, tmp_path, trials=1, episodes=3)
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -203,5 +229,5 @@ def test_a_search_beside_another_is_refused(tmp_path: Path, monkeypatch: pytest.
 def test_a_damaged_study_is_said_so(tmp_path: Path) -> None:
     pytest.importorskip("optuna", reason="Optuna is not installed: nothing is searched")
     (tmp_path / "study.db").write_bytes(b"no database" * 40)
-    with pytest.raises(UserError, match=r"study\.db: damaged, or of something else"):
+    with pytest.raises(UserError, match=r"study\.db: cannot be used"):
         tune("gap", Config(), tmp_path, trials=1, episodes=2)

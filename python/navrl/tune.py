@@ -136,13 +136,16 @@ def tune(
     scenarios = load_list(config.sim, "tuning", count=episodes, num_threads=num_threads)
     task = {
         "controller": name,
-        "list_sha256": scenarios.sha256,
         "seed": seed,
+        "episodes": episodes,
+        "sim": config_json(config.sim),
         "first": json.dumps(asdict(config.controllers) | {"planner": asdict(config.planner)}),
         "space": json.dumps({key: asdict(search) for key, search in space.items()}),
-        "sim": config_json(config.sim),
+        "list_sha256": scenarios.sha256,
     }
     study = _open(folder, task)
+    if len(_told(study)) > trials:
+        raise UserError(f"{folder}: holds {len(_told(study))} trials already, more than {trials}")
     lowest = math.inf
     while len(_told(study)) < trials:
         number = len(_told(study))
@@ -209,18 +212,31 @@ def _open(folder: Path, task: dict[str, Any]) -> optuna.Study:
     except ImportError:
         raise UserError("tune: needs Optuna: pip install 'navrl[tune]'") from None
     optuna.logging.set_verbosity(optuna.logging.WARNING)
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / STUDY_FILE).exists():
+        raise UserError(f"{folder}: is not empty and holds no search")
     folder.mkdir(parents=True, exist_ok=True)
     storage = f"sqlite:///{(folder / STUDY_FILE).absolute()}"
     try:
         study = optuna.create_study(study_name="tune", storage=storage, direction="minimize", load_if_exists=True)
     except DatabaseError as error:
-        raise UserError(f"{folder / STUDY_FILE}: damaged, or of something else: {error.orig}") from None
+        raise UserError(f"{folder / STUDY_FILE}: cannot be used: {error.orig}") from None
     for key, value in task.items():
         held = study.user_attrs.get(key, value)
         if held != value:
-            raise UserError(f"{folder}: holds a search with another {key}: {shown(held)}, not {shown(value)}")
+            where, held, value = _first_difference(key, held, value)
+            raise UserError(f"{folder}: holds a search with another {where}: {shown(held)}, not {shown(value)}")
         study.set_user_attr(key, value)
     return study
+
+
+def _first_difference(key: str, held: object, value: object) -> tuple[str, object, object]:
+    """Name and values of the first setting in which two tasks differ, which may be JSON objects."""
+    while isinstance(held, str) and isinstance(value, str) and held.startswith("{") and value.startswith("{"):
+        held, value, key = json.loads(held), json.loads(value), ""
+    while isinstance(held, dict) and isinstance(value, dict):
+        inner = next(name for name in {**held, **value} if held.get(name) != value.get(name))
+        key, held, value = f"{key}.{inner}".removeprefix("."), held.get(inner), value.get(inner)
+    return key, held, value
 
 
 def _failed() -> optuna.trial.TrialState:

@@ -92,10 +92,16 @@ class Contender:
             scenarios: Maps with starts and goals.
             sim: The robot, for its radius.
             config: Settings of the planner.
+
+        Raises:
+            UserError: Its cells are too small for so large a map.
         """
         if self.planner is not None:
             for index, scenario in enumerate(scenarios):
-                yield plan(scenario, self.planner, radius=robot_radius(sim), config=config, index=index)
+                try:
+                    yield plan(scenario, self.planner, radius=robot_radius(sim), config=config, index=index)
+                except ValueError as error:
+                    raise UserError(str(error)) from None
 
     def driver(
         self,

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from navrl.durable import write_file
 from navrl.errors import UserError, shown
-from navrl.metrics import Episode
+from navrl.metrics import OUTCOMES, Episode
 
 SCHEMA = 2
 """Version of what is kept."""
@@ -149,8 +149,8 @@ def _record(file: Path, content: dict[str, Any]) -> Record:
         with np.load(tracks, allow_pickle=False) as arrays:
             poses = arrays["poses"]
         ends = np.cumsum([episode.steps for episode in episodes])
-        if poses.shape != (ends[-1], 3):
-            raise ValueError("poses of other episodes")
+        if poses.shape != (ends[-1], 3) or not all(episode.outcome in OUTCOMES.values() for episode in episodes):
+            raise ValueError("poses of other episodes, or an outcome that is none")
     except (OSError, EOFError, ValueError, TypeError, KeyError, BadZipFile):
         raise UserError(f"{file}: damaged, or {tracks.name} is; remove both") from None
     return Record(name, scores, episodes, np.split(poses, ends[:-1]), made_with)
