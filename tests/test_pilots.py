@@ -156,15 +156,22 @@ def test_nothing_is_lost_of_the_others(drawn: ScenarioList, tmp_path: Path) -> N
 # Progress
 
 
+def shown_lines(
+    monkeypatch: pytest.MonkeyPatch, name: str, drawn: ScenarioList, folder: Path, *, period_s: float
+) -> list[str]:
+    """What a comparison of one contender prints off a terminal, with a line of progress so often."""
+    text = io.StringIO()
+    monkeypatch.setattr(display, "Console", lambda **_: Console(file=text, width=150, highlight=False))
+    monkeypatch.setattr(display, "PLAIN_PERIOD_S", period_s)
+    with Display(at_once=False) as shown:
+        compare([name], drawn, SIM, folder, display=shown)
+    return text.getvalue().splitlines()
+
+
 def test_slow_contenders_show_how_far_they_are(
     drawn: ScenarioList, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    text = io.StringIO()
-    monkeypatch.setattr(display, "Console", lambda **_: Console(file=text, width=150, highlight=False))
-    monkeypatch.setattr(display, "PLAIN_PERIOD_S", 0.0)
-    with Display(at_once=False) as shown:
-        compare(["straight+rrt"], drawn, SIM, tmp_path / "out", display=shown)
-    first, *lines, last = text.getvalue().splitlines()
+    first, *lines, last = shown_lines(monkeypatch, "straight+rrt", drawn, tmp_path / "out", period_s=0.0)
     assert first == f"navrl: comparing 1 contender on td3, list test, level ideal: 12 scenarios; {tmp_path / 'out'}"
     assert lines[:12] == [f"navrl: straight+rrt: {count} of 12 paths planned" for count in range(1, 13)]
     counts = [
@@ -182,9 +189,5 @@ def test_slow_contenders_show_how_far_they_are(
 def test_quick_ones_show_nothing_but_their_results(
     drawn: ScenarioList, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    text = io.StringIO()
-    monkeypatch.setattr(display, "Console", lambda **_: Console(file=text, width=150, highlight=False))
-    monkeypatch.setattr(display, "PLAIN_PERIOD_S", 60.0)
-    with Display(at_once=False) as shown:
-        compare(["straight"], drawn, SIM, tmp_path / "out", display=shown)
-    assert len(text.getvalue().splitlines()) == 2
+    lines = shown_lines(monkeypatch, "straight", drawn, tmp_path / "out", period_s=60.0)
+    assert len(lines) == 2

@@ -146,9 +146,8 @@ def tune(
     study = _open(folder, task)
     if len(_told(study)) > trials:
         raise UserError(f"{folder}: holds {len(_told(study))} trials already, more than {trials}")
-    lowest = math.inf
-    while len(_told(study)) < trials:
-        number = len(_told(study))
+    while (number := len(told := _told(study))) < trials:
+        lowest = min((other.value for other in told if other.value is not None), default=math.inf)
         trial = _ask(study, space, config, seed, number)
         begin = process_time()
         evaluation = _drive(contender, config, trial, scenarios, num_threads)
@@ -161,10 +160,9 @@ def tune(
         trial.set_user_attr("scores", evaluation.summary.to_json())
         cost = penalised_time(evaluation, config.task.time_limit)
         study.tell(trial, cost)
-        if cost < min(lowest, *(other.value for other in _told(study)[:number] if other.value is not None), math.inf):
+        if cost < lowest:
             report(_line(number, trials, cost, evaluation.summary))
             _write(folder, _best(study, space, config), name, space, config, trials, scenarios, seed, command)
-        lowest = min(lowest, cost)
     best = _best(study, space, config)
     _write(folder, best, name, space, config, trials, scenarios, seed, command)
     return best
@@ -231,7 +229,7 @@ def _open(folder: Path, task: dict[str, Any]) -> optuna.Study:
 
 def _first_difference(key: str, held: object, value: object) -> tuple[str, object, object]:
     """Name and values of the first setting in which two tasks differ, which may be JSON objects."""
-    while isinstance(held, str) and isinstance(value, str) and held.startswith("{") and value.startswith("{"):
+    if isinstance(held, str) and isinstance(value, str) and held.startswith("{") and value.startswith("{"):
         held, value, key = json.loads(held), json.loads(value), ""
     while isinstance(held, dict) and isinstance(value, dict):
         inner = next(name for name in {**held, **value} if held.get(name) != value.get(name))

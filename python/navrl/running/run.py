@@ -91,7 +91,8 @@ class Run:
         self.learn_threads = learn_threads(config)
         self.threads = config.threads.simulate or max(1, cores() - self.learn_threads)
         inputs = encoded_size(config.lidar.bins, config.networks.encoding)
-        torch.set_num_threads(self.learn_threads)
+        # Beside the native kernel little is left to torch, and its threads would only wait for each other.
+        torch.set_num_threads(self.learn_threads if self.machine.kernel == "torch" else 1)
         self.replay_bytes = _replay_bytes(self.limits.steps, config.replay.capacity, row_width(inputs))
         try:
             self.sim = BatchSim(config.sim, num_envs=training.num_envs, seed=training.seed, num_threads=self.threads)
