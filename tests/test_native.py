@@ -435,7 +435,6 @@ def test_binding_refuses_sizes_that_do_not_follow_each_other() -> None:
         "frozen_combined": False,
         "mirror": None,
         "threads": 1,
-        "room": _navsim.Room(True),
     }
     _navsim.Learner(**good)  # type: ignore[arg-type]
     for changed in (

@@ -208,7 +208,7 @@ def test_restored_learner_continues_bitwise(algorithm: str, batch_size: int) -> 
     td3 = small_learner(config)
     td3.set_progress(0.3)
     td3.update(5)
-    td3.average_actor()
+    td3.begin_step()
     saved = {name: array.copy() for name, array in td3.state().items()}
     td3.update(4)
     restored = small_learner(config)
@@ -216,8 +216,8 @@ def test_restored_learner_continues_bitwise(algorithm: str, batch_size: int) -> 
     restored.restore(saved)
     metrics = restored.update(4)
     _assert_bitwise(td3, restored)
-    td3.average_actor()
-    restored.average_actor()
+    td3.begin_step()
+    restored.begin_step()
     # A new process at the end is in the state of the old one, and goes on alike.
     assert td3.update(3) == restored.update(3)
     _assert_bitwise(td3, restored)
@@ -344,23 +344,28 @@ def test_averaged_actor_is_the_policy() -> None:
     td3.update(5)
     online = {name: tensor.numpy().copy() for name, tensor in td3.actor.state_dict().items()}
     assert all(np.array_equal(array, start[name]) for name, array in td3.policy_weights().items())
-    td3.average_actor()
+    td3.begin_step()
     for name, array in td3.policy_weights().items():
         np.testing.assert_allclose(array, 0.25 * online[name] + 0.75 * start[name], atol=1e-6)
     off = small_learner(small_config(averaging_rate=0.0))
     off.update(3)
-    off.average_actor()
+    off.begin_step()
     assert off.policy is off.actor
 
 
-def test_acting_is_the_actor() -> None:
+def test_the_actor_acts_as_it_was_when_the_step_began() -> None:
     td3 = small_learner(small_config())
     td3.update(6)
+    td3.begin_step()
     encoded = np.random.default_rng(0).normal(size=(9, td3.inputs)).astype(np.float32)
     actions = td3.act(encoded)
     assert actions.dtype == np.float32
     expected = np.tanh(td3.actor.pre_tanh(torch.from_numpy(encoded)).detach().numpy())
     np.testing.assert_allclose(actions, expected, atol=1e-6)
+    td3.update(6)
+    assert td3.act(encoded).tobytes() == actions.tobytes()
+    td3.begin_step()
+    assert td3.act(encoded).tobytes() != actions.tobytes()
 
 
 def test_target_bounds_of_the_paper_by_hand() -> None:

@@ -104,30 +104,30 @@ def test_bits_do_not_depend_on_who_is_faster(
 def test_robots_act_before_the_updates_owed_and_updates_draw_from_earlier_rows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    act, update, drive = TD3.act, TD3.update, Run.drive
-    acted: list[int] = []
+    begin, update, drive = TD3.begin_step, TD3.update, Run.drive
+    begun: list[int] = []
     drawn: list[tuple[int, int]] = []
     driven: list[threading.Thread] = []
 
-    def acting(self: TD3, encoded: NDArray[np.float32]) -> NDArray[np.float32]:
-        acted.append(self.updates)
-        return act(self, encoded)
+    def beginning(self: TD3) -> None:
+        begun.append(self.updates)
+        begin(self)
 
     def updating(self: TD3, count: int) -> UpdateMetrics:
-        drawn.append((len(acted), self.replay.added))
+        drawn.append((len(begun), self.replay.added))
         return update(self, count)
 
     def driving(self: Run, actions: NDArray[np.float32]) -> None:
         driven.append(threading.current_thread())
         drive(self, actions)
 
-    monkeypatch.setattr(TD3, "act", acting)
+    monkeypatch.setattr(TD3, "begin_step", beginning)
     monkeypatch.setattr(TD3, "update", updating)
     monkeypatch.setattr(Run, "drive", driving)
     rates = {"training__updates_per_step": "2.0", "learner__n_step": "1", "exploration__random_steps": "8"}
     train(small("fast", training__steps="80", **rates), tmp_path / "run", preset="fast", test=False)
-    # 8 robots: step k (from 1) owes 2 updates, which are made after the robots have acted for step k + 1.
-    assert acted == [0, 0, *range(2, 18, 2)]
+    # 8 robots: step k (from 1) owes 2 updates, which are made after the actor of step k + 1 was kept.
+    assert begun == [0, 0, *range(2, 18, 2)]
     assert drawn == [*((step, 8 * (step - 1)) for step in range(2, 11)), (10, 80)]
     # In a thread of their own, but for the steps that no update is owed for.
     assert [thread is threading.main_thread() for thread in driven] == [True] + 9 * [False]

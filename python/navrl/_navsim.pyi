@@ -13,7 +13,6 @@ __all__ = [
     "Controller",
     "Learner",
     "Lookahead",
-    "Room",
     "Scenario",
     "UpdateRecord",
     "check_world",
@@ -112,14 +111,6 @@ class Controller:
         """
 
 @final
-class Room:
-    """Whether there is room for a second thread to learn; one thread may say so while another one makes updates."""
-
-    def __new__(cls, free: bool) -> Self: ...
-    def set(self, free: bool) -> None:
-        """Sets it."""
-
-@final
 class UpdateRecord:
     """What one update tells."""
 
@@ -181,8 +172,10 @@ class Learner:
         frozen_combined: bool,
         mirror: tuple[Sequence[int], Sequence[float]] | None,
         threads: int,
-        room: Room,
     ) -> Self: ...
+    def make_room(self, room: bool) -> None:
+        """Tells, also during updates, whether there is a processor for their second thread; at first there is."""
+
     def update(
         self,
         *,
@@ -207,7 +200,7 @@ class Learner:
         """
 
     def act(self, *, actor: NDArray[Any], observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Actions (n, 2) of the actor with these parameters for observations (n, inputs).
+        """Actions (n, 2) of the actor with these parameters for observations (n, inputs), also during updates.
 
         Raises:
             TypeError: An array of another type, or not contiguous.

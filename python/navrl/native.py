@@ -5,8 +5,8 @@
     Draws(indices, mirrored, noise)                   what some updates draw
     NativeLearner(...)
         .update(replay, draws, rates=, updates=) -> a record for each update
-        .act(encoded (N, inputs)) -> (N, 2)
-        .room                                         tells, from any thread, whether a second one may help
+        .act(actor, encoded (N, inputs)) -> (N, 2)
+        .make_room(room)                              of a second thread of updates
 
 Torch's tensors remain the only copy of parameters and moments: the kernel works in their memory, several updates in
 one call, without the interpreter's lock, in one thread or two with the same bits. Its results differ from torch's by
@@ -113,8 +113,6 @@ class NativeLearner:
         """Updates that one call should make at most."""
         linears = [*actor.network.hidden, actor.network.output]
         critic_layers = zip(critic.network.weights, critic.network.biases, strict=True)
-        self.room = _navsim.Room(True)
-        """Whether a second thread may help; updates that have begun with it go on so."""
         self.busy = False
         """Whether updates are made by one thread for a while, because the machine is busy."""
         self._kernel = _navsim.Learner(
@@ -132,7 +130,6 @@ class NativeLearner:
             frozen_combined=not critic.network.action_weight.requires_grad,
             mirror=None if mirror is None else (mirror[0].tolist(), mirror[1].tolist()),
             threads=threads,
-            room=self.room,
         )
 
     def update(
@@ -169,16 +166,21 @@ class NativeLearner:
         self._steps[0][()], self._steps[1][()] = updates // self._policy_delay, updates
         return records
 
-    def act(self, encoded: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The actor's actions.
+    def make_room(self, room: bool) -> None:
+        """Tells, from any thread, whether there is a processor for a second thread of updates; at first there is."""
+        self._kernel.make_room(room)
+
+    def act(self, actor: NDArray[np.floating], encoded: NDArray[np.float32]) -> NDArray[np.float32]:
+        """An actor's actions, also beside updates of another one.
 
         Args:
+            actor: (size,) its parameters, packed as those that are updated.
             encoded: (N, inputs) float32.
 
         Returns:
             (N, 2) float32 in [-1, 1]; those of a row do not depend on the others.
         """
-        return self._kernel.act(actor=self._vectors["actor"][0], observations=encoded)
+        return self._kernel.act(actor=actor, observations=encoded)
 
 
 def _place(weight: nn.Parameter, bias: nn.Parameter) -> tuple[int, int, int, int]:

@@ -2,10 +2,10 @@
 
     TD3(config, replay, seed=, dtype=torch.float32)
         .update(count) -> UpdateMetrics            `count` updates; counted in .updates and .actor_updates
-        .act(encoded (N, inputs)) -> (N, 2)        the actor, which explores;  numpy in, numpy out
+        .begin_step()                              of all robots
+        .act(encoded (N, inputs)) -> (N, 2)        the actor as it was then, which explores, also beside updates
         .policy -> Actor                           what is evaluated and kept: the averaged actor, or the actor itself
         .policy_weights() -> dict[str, ndarray]    its tensors, copied, by the names of navrl.networks.Actor
-        .average_actor()                           once per vector step
         .make_room(free);  .busy                   of a second thread of updates
         .set_progress(fraction)                    share of the run that is over, for the step sizes
         .state() -> dict[str, ndarray];  .restore(state)
@@ -113,9 +113,10 @@ class TD3:
         self.actor = Actor(self.inputs, networks, generator).to(self.dtype)
         self.critic = TwinCritic(self.inputs, networks, generator, num_critics=num_critics).to(self.dtype)
         self.actor_target, self.averaged_actor = copy.deepcopy(self.actor), copy.deepcopy(self.actor)
+        self._acting_actor = copy.deepcopy(self.actor)
         self.critic_target = copy.deepcopy(self.critic)
         self._actor, self._critic = pack(self.actor), pack(self.critic)
-        self._averaged = pack(self.averaged_actor).detach()
+        self._averaged, self._acting = pack(self.averaged_actor).detach(), pack(self._acting_actor).detach()
         self._online = [self._actor.detach(), self._critic.detach()]
         self._targets = [pack(self.actor_target).detach(), pack(self.critic_target).detach()]
         self.actor_optimizer = _adam(self._actor, self.config.actor_lr)
@@ -161,7 +162,7 @@ class TD3:
             free: True also lets one help with updates that have begun.
         """
         if self._native is not None:
-            self._native.room.set(free)
+            self._native.make_room(free)
 
     @property
     def busy(self) -> bool:
@@ -178,7 +179,7 @@ class TD3:
         return {name: tensor.float().numpy().copy() for name, tensor in self.policy.state_dict().items()}
 
     def act(self, encoded: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The actor's actions, without noise.
+        """Actions without noise of the actor as it was when the step began; another thread may make updates meanwhile.
 
         Args:
             encoded: (N, inputs) encoded observations.
@@ -187,9 +188,9 @@ class TD3:
             (N, 2) float32 in [-1, 1].
         """
         if self._native is not None:
-            return self._native.act(encoded)
+            return self._native.act(self._acting.numpy(), encoded)
         with torch.no_grad():
-            actions: Tensor = self.actor(torch.tensor(encoded, dtype=self.dtype))
+            actions: Tensor = self._acting_actor(torch.tensor(encoded, dtype=self.dtype))
         return actions.float().numpy()
 
     def update(self, count: int) -> UpdateMetrics:
@@ -270,8 +271,9 @@ class TD3:
         self.actor_optimizer.step()
         return loss, outputs
 
-    def average_actor(self) -> None:
-        """Moves the averaged actor by `averaging_rate` of its way to the actor."""
+    def begin_step(self) -> None:
+        """Keeps the actor as it is now to act, and moves the averaged one by `averaging_rate` of its way to it."""
+        self._acting.copy_(self._actor.detach())
         if self.config.averaging_rate > 0:
             self._averaged.lerp_(self._actor.detach(), self.config.averaging_rate)
 

@@ -88,16 +88,11 @@ class Training:
         return run.counts.owed >= 1.0 + (UPDATES_PER_MOVE if beside else 0)
 
     def _step(self) -> None:
-        """Acts; lets the robots step while it makes updates; stores what they met, and owes updates for it."""
+        """Lets the robots act and step while it makes updates; stores what they met, and owes updates for it."""
         run, counts = self.run, self.run.counts
-        run.learner.average_actor()
-        # Act
-        actions = run.exploration.explore(run.learner.act(run.encoded), run.sim.observations, counts.steps)
-        # Step
-        if counts.owed >= 1.0:
-            rows = self._beside.do(lambda: self._drive(actions), self._update)
-        else:
-            rows = self._drive(actions)
+        run.learner.begin_step()
+        # Act and step
+        rows = self._beside.do(self._drive, self._update) if counts.owed >= 1.0 else self._drive()
         # Store
         run.replay.add(rows)
         # Owe updates
@@ -108,13 +103,10 @@ class Training:
             counts.owed += training.updates_per_step if interleaved else int(sim.episode_steps[ended].sum())
         run.learner.set_progress(run.plan.share(counts.steps, run.metrics.episodes))
 
-    def _drive(self, actions: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Steps the robots, and assembles what they met to rows of replay (n, width); touches nothing that updates use.
-
-        Args:
-            actions: (num_envs, 2) in [-1, 1].
-        """
+    def _drive(self) -> NDArray[np.float32]:
+        """Lets the robots act and step; returns what they met as rows of replay (n, width). Shares nothing with updates."""
         run, sim = self.run, self.run.sim
+        actions = run.exploration.explore(run.learner.act(run.encoded), sim.observations, run.counts.steps)
         run.drive(actions)
         run.counts.steps += sim.num_envs
         run.exploration.end_episodes(sim.terminated | sim.truncated)

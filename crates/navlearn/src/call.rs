@@ -1,8 +1,8 @@
 //! One call's updates, in phases that one thread or two go through.
 //!
 //! The phases of an update: gradients of the critics, their step; and where the actor moves, its gradients and its step.
-//! Alone, a thread computes the gradients of the whole batch; two compute those of half of the rows each. A step is made
-//! in two pieces of the packed vectors.
+//! Each has two halves, for two threads: gradients are computed from two parts of the batch, and a step is made in two
+//! pieces of the packed vectors. Where there is never a second thread, the first half is all there is.
 
 use crate::adam::{Step, Vectors};
 use crate::batch::ACTIONS;
@@ -12,10 +12,8 @@ use crate::packed::Packed;
 use crate::part::{ActorSums, CriticSums, Part};
 use crate::real::Real;
 use crate::settings::Settings;
-use crate::team::Team;
 use crate::update::{Draws, Record, Trained};
 use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
-use std::time::Duration;
 
 /// A phase of an update.
 #[derive(Debug, Clone, Copy)]
@@ -46,10 +44,8 @@ pub struct Call<'a, T> {
     draws: Draws<'a>,
     actor: Network<'a, T>,
     critics: Network<'a, T>,
-    /// The whole batch, for one thread.
-    whole: &'a [RwLock<Part<T>>],
-    /// Its halves, for two; empty where there is never a second one.
-    halves: &'a [RwLock<Part<T>>],
+    /// The whole batch, or its halves.
+    parts: &'a [RwLock<Part<T>>],
 }
 
 // A lock is poisoned where another thread panicked; its panic goes on when the call ends, and no result is used.
@@ -102,60 +98,49 @@ fn targets<'a, T>(pieces: &'a [RwLockReadGuard<'_, Vectors<'_, T>>; 2]) -> Packe
 
 impl<'a, T: Real> Call<'a, T> {
     /// Of what has been checked. `cuts` are where the second pieces of actor and critics begin, `parts` the whole batch
-    /// and its halves.
+    /// or its halves.
     pub fn new(
         settings: &'a Settings,
         isa: Isa,
         draws: Draws<'a>,
         [actor, critics]: [Trained<'a, T>; 2],
         cuts: [usize; 2],
-        [whole, halves]: [&'a [RwLock<Part<T>>]; 2],
+        parts: &'a [RwLock<Part<T>>],
     ) -> Self {
         let (actor, critics) = (Network::new(actor, cuts[0]), Network::new(critics, cuts[1]));
-        Self { settings, isa, draws, actor, critics, whole, halves }
+        Self { settings, isa, draws, actor, critics, parts }
     }
 
-    /// Makes one update as a leader, with the helper of `team` if it has come; adds to `waited` how long it waited.
+    /// Makes one update; `both` does both halves of the phase of a number, for which it is given the work by half.
     ///
     /// # Errors
     /// Something overflowed.
-    pub fn lead(&self, update: usize, team: &Team, waited: &mut Duration) -> Result<Record> {
-        let helped = !self.halves.is_empty() && team.complete();
-        let parts = if helped { self.halves } else { self.whole };
-        let mut go_through = |phase: Phase| {
-            if helped {
-                let number = update * PHASES.len() + phase as usize + 1;
-                *waited += team.lead(number, |half| self.work(update, phase, parts, half));
-            } else {
-                self.work(update, phase, parts, 0);
-                if matches!(phase, Phase::CriticStep | Phase::ActorStep) {
-                    self.work(update, phase, parts, 1);
-                }
-            }
-        };
+    pub fn lead(&self, update: usize, mut both: impl FnMut(usize, &dyn Fn(usize))) -> Result<Record> {
+        let mut go_through =
+            |phase: Phase| both(update * PHASES.len() + phase as usize + 1, &|half| self.work(update, phase, half));
         let number = self.critics.steps + update as u64 + 1;
-        let bounded = || parts.iter().all(|part| read(part).bounded);
+        let bounded = || self.parts.iter().all(|part| read(part).bounded);
         go_through(Phase::CriticGradients);
         if !bounded() {
             return Err(Error::Critics { update: number });
         }
         go_through(Phase::CriticStep);
-        let mut record = self.critic_record(parts);
+        let mut record = self.critic_record();
         if self.moves_targets(update) {
             go_through(Phase::ActorGradients);
             if !bounded() {
                 return Err(Error::Actor { update: number });
             }
             go_through(Phase::ActorStep);
-            record.actor = Some(self.actor_record(parts));
+            record.actor = Some(self.actor_record());
         }
         Ok(record)
     }
 
-    /// The helper's half of the phase of that number.
+    /// The second half of the phase of that number.
     pub fn help(&self, number: usize) {
         let (update, phase) = ((number - 1) / PHASES.len(), (number - 1) % PHASES.len());
-        self.work(update, PHASES[phase], self.halves, 1);
+        self.work(update, PHASES[phase], 1);
     }
 
     /// Eq. 10: the actor and the targets move once in policy_delay updates.
@@ -163,36 +148,41 @@ impl<'a, T: Real> Call<'a, T> {
         (self.critics.steps + update as u64 + 1).is_multiple_of(self.settings.policy_delay)
     }
 
-    /// Computes the gradients of one of some parts, or makes the step of one piece with the sum of their gradients.
-    fn work(&self, update: usize, phase: Phase, parts: &[RwLock<Part<T>>], half: usize) {
+    /// Computes the gradients of one part, if there is that one, or makes the step of one piece with the sum of their
+    /// gradients.
+    fn work(&self, update: usize, phase: Phase, half: usize) {
         let (settings, delay) = (self.settings, self.settings.policy_delay);
+        let own_part = || self.parts.get(half).map(write);
         let tau = self.moves_targets(update).then(|| T::of(settings.tau));
         match phase {
             Phase::CriticGradients => {
-                let (actor, critics) = (self.actor.read(), self.critics.read());
-                let mut part = write(&parts[half]);
+                let (Some(mut part), actor, critics) = (own_part(), self.actor.read(), self.critics.read()) else {
+                    return;
+                };
                 let draws = self.draws.of_update(update, settings.batch);
                 part.set_targets(settings, draws, targets(&actor), targets(&critics));
                 part.critics_backward(settings, parameters(&critics));
             }
             Phase::CriticStep => {
                 let steps = self.critics.steps + update as u64 + 1;
-                self.critics.step(self.isa, half, parts, |part| &part.critic_gradient, steps, tau);
+                self.critics.step(self.isa, half, self.parts, |part| &part.critic_gradient, steps, tau);
             }
             Phase::ActorGradients => {
-                let (actor, critics) = (self.actor.read(), self.critics.read());
-                write(&parts[half]).actor_backward(settings, parameters(&actor), parameters(&critics));
+                let (Some(mut part), actor, critics) = (own_part(), self.actor.read(), self.critics.read()) else {
+                    return;
+                };
+                part.actor_backward(settings, parameters(&actor), parameters(&critics));
             }
             Phase::ActorStep => {
                 let before = self.critics.steps / delay;
                 let steps = self.actor.steps + (self.critics.steps + update as u64 + 1) / delay - before;
-                self.actor.step(self.isa, half, parts, |part| &part.actor_gradient, steps, tau);
+                self.actor.step(self.isa, half, self.parts, |part| &part.actor_gradient, steps, tau);
             }
         }
     }
 
-    fn critic_record(&self, parts: &[RwLock<Part<T>>]) -> Record {
-        let sums = parts.iter().flat_map(|part| read(part).critic_sums);
+    fn critic_record(&self) -> Record {
+        let sums = self.parts.iter().flat_map(|part| read(part).critic_sums);
         let total = sums.fold(CriticSums::NONE, CriticSums::and);
         let (rows, count) = (self.settings.batch as f64, self.settings.critics as f64);
         Record {
@@ -204,8 +194,8 @@ impl<'a, T: Real> Call<'a, T> {
     }
 
     /// The actor's loss, and the share of its outputs that are saturated.
-    fn actor_record(&self, parts: &[RwLock<Part<T>>]) -> [f64; 2] {
-        let sums = parts.iter().flat_map(|part| read(part).actor_sums);
+    fn actor_record(&self) -> [f64; 2] {
+        let sums = self.parts.iter().flat_map(|part| read(part).actor_sums);
         let total = sums.fold(ActorSums::NONE, ActorSums::and);
         let rows = self.settings.batch as f64;
         let outputs = ACTIONS as f64 * rows;

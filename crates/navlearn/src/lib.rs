@@ -3,10 +3,10 @@
 //!
 //! The flow of one update:
 //!
-//! `update -> call (team) -> part (batch, network (layer -> kernels)) -> adam`
+//! `update (helper, team) -> call -> part (batch, network (layer -> kernels)) -> adam`
 //!
 //! * `update`: [`Learner`], which checks what comes and makes updates in one thread or two.
-//! * `call`: the phases of an update, and who does which half of them; `team`: how two threads meet.
+//! * `call`: the phases of an update, each in two halves; `helper`: a second thread, `team`: how two threads meet.
 //! * `part`: what is computed from some rows of a batch or all: targets (equation 9), losses and gradients.
 //! * `batch`: rows of replay, drawn by index, mirrored where told, laid out for the networks.
 //! * `network`: the actor (equation 8) and the critics (equation 7), forward and back; a `layer` is one dense layer of
@@ -33,6 +33,7 @@ mod adam;
 mod batch;
 mod call;
 mod error;
+mod helper;
 mod kernels;
 mod layer;
 mod network;
@@ -47,6 +48,7 @@ pub use act::Acting;
 pub use adam::Vectors;
 pub use batch::{ACTIONS, Mirror};
 pub use error::{Error, Result};
+pub use helper::Helper;
 pub use kernels::Isa;
 pub use layer::Layer;
 pub use part::SATURATED;

@@ -4,7 +4,7 @@
 //! the machine does not run is not waited for before it has begun. Between phases both spin: they are microseconds
 //! apart.
 
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 /// Turns of a waiting loop after which the processor is offered to others: some tens of microseconds.
@@ -20,22 +20,9 @@ pub struct Team {
     taken: AtomicUsize,
     /// The last phase of which the helper has done the second half.
     done: AtomicUsize,
-    /// Whether the helper has come.
-    here: AtomicBool,
 }
 
 impl Team {
-    /// One whose helper is said to have come.
-    #[cfg(test)]
-    pub fn joined() -> Self {
-        Self { here: AtomicBool::new(true), ..Self::default() }
-    }
-
-    /// Whether the helper has come.
-    pub fn complete(&self) -> bool {
-        self.here.load(Ordering::Relaxed)
-    }
-
     /// The leader's part of a phase, `work` with the numbers of the halves that fall to it; returns how long it waited
     /// for the helper.
     pub fn lead(&self, phase: usize, work: impl Fn(usize)) -> Duration {
@@ -52,7 +39,6 @@ impl Team {
 
     /// The helper's part of all phases, `work` with their numbers, until the end.
     pub fn help(&self, work: impl Fn(usize)) {
-        self.here.store(true, Ordering::Relaxed);
         let mut last = 0;
         loop {
             wait(|| self.posted.load(Ordering::Acquire) != last);
@@ -178,8 +164,8 @@ mod tests {
         let ended = std::thread::scope(|scope| {
             let _end = team.until_dropped();
             let helper = scope.spawn(|| team.help(|_| panic!("as the test wants")));
-            wait(|| team.complete());
-            team.lead(1, |_| std::thread::sleep(Duration::from_millis(20)));
+            // Until the helper has it.
+            team.lead(1, |_| wait(|| team.taken.load(Ordering::Relaxed) == 1));
             helper.join()
         });
         assert!(ended.is_err());

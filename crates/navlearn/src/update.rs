@@ -1,10 +1,10 @@
 //! The update of TD3, with DDPG as its one-critic case (equations 9 and 10).
 
-use crate::act::Acting;
 use crate::adam::Vectors;
 use crate::batch::{ACTIONS, width};
 use crate::call::Call;
 use crate::error::{Error, Result, expect, expect_size};
+use crate::helper::Helper;
 use crate::kernels::product::in_order;
 use crate::kernels::{Isa, all_finite, rows_finite};
 use crate::packed;
@@ -12,9 +12,7 @@ use crate::part::Part;
 use crate::real::Real;
 use crate::settings::Settings;
 use crate::team::{Patience, Team};
-use rayon::{ThreadPool, ThreadPoolBuilder};
-use std::sync::RwLock;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, RwLock};
 use std::time::{Duration, Instant};
 
 /// A network and its target, which updates change.
@@ -85,15 +83,10 @@ pub struct Learner<T> {
     isa: Isa,
     /// Where the second pieces of actor and critics begin.
     cuts: [usize; 2],
-    whole: RwLock<Part<T>>,
-    /// The two halves of the batch, where a second thread may help.
-    halves: Vec<RwLock<Part<T>>>,
-    /// The thread that helps.
-    pool: Option<ThreadPool>,
-    /// Whose thread that is: a fork takes only the calling one along.
-    process: u32,
+    /// The whole batch; or its halves, where a second thread may help.
+    parts: Vec<RwLock<Part<T>>>,
+    helper: Option<Arc<Helper>>,
     patience: Patience,
-    acting: Acting<T>,
 }
 
 impl<T: Real> Learner<T> {
@@ -105,19 +98,15 @@ impl<T: Real> Learner<T> {
         settings.check()?;
         expect("threads", threads, (1..=2).contains(&threads), || "1 or 2".into())?;
         let (batch, cut) = (settings.batch, settings.cut());
-        let part = |rows| RwLock::new(Part::new(&settings, rows, isa));
         let two = threads == 2 && cut < batch;
-        let start = || ThreadPoolBuilder::new().num_threads(1).thread_name(|_| "navlearn".into()).build();
-        let pool = two.then(start).transpose().map_err(|e| Error::Thread { reason: e.to_string() })?;
+        let first = if two { cut } else { batch };
+        let rows = [0..first, first..batch].into_iter().filter(|rows| !rows.is_empty());
         Ok(Self {
             isa,
-            cuts: if in_order(isa) { cuts(&settings) } else { settings.sizes },
-            whole: part(0..batch),
-            halves: if two { vec![part(0..cut), part(cut..batch)] } else { Vec::new() },
-            pool,
-            process: std::process::id(),
+            cuts: if two && in_order(isa) { cuts(&settings) } else { settings.sizes },
+            parts: rows.map(|rows| RwLock::new(Part::new(&settings, rows, isa))).collect(),
+            helper: two.then(Helper::new).transpose()?.map(Arc::new),
             patience: Patience::default(),
-            acting: Acting::new(&settings.actor, settings.sizes[0], isa)?,
             settings,
         })
     }
@@ -127,43 +116,38 @@ impl<T: Real> Learner<T> {
         &self.settings
     }
 
-    /// What acts, with the settings' actor.
-    pub fn acting(&mut self) -> &mut Acting<T> {
-        &mut self.acting
+    /// The second thread, if there is one.
+    pub fn helper(&self) -> Option<Arc<Helper>> {
+        self.helper.clone()
     }
 
-    /// Makes one update for each row of `draws.indices`; a second thread helps from the time when `room` is true.
+    /// Makes one update for each row of `draws.indices`; a second thread helps from the time when it has room.
     ///
     /// # Errors
     /// A number is not finite, a slice has another length than the settings imply, a row to mirror has no mirror, or an
     /// index is beyond replay; see [`Error`] for what has changed then.
-    pub fn update(
-        &mut self,
-        actor: Trained<'_, T>,
-        critics: Trained<'_, T>,
-        draws: Draws<'_>,
-        room: &AtomicBool,
-    ) -> Result<Updates> {
+    pub fn update(&mut self, actor: Trained<'_, T>, critics: Trained<'_, T>, draws: Draws<'_>) -> Result<Updates> {
         self.check(&actor, &critics, draws)?;
-        let Self { settings, isa, cuts, whole, halves, pool, process, patience, .. } = self;
+        let Self { settings, isa, cuts, parts, helper, patience, .. } = self;
         let count = draws.indices.len() / settings.batch;
-        let parts = [std::slice::from_ref(&*whole), &**halves];
         let call = Call::new(settings, *isa, draws, [actor, critics], *cuts, parts);
-        let (team, mut waited) = (Team::default(), Duration::ZERO);
-        let Some(pool) = pool.as_ref().filter(|_| !patience.exhausted() && *process == std::process::id()) else {
-            let records = (0..count).map(|update| call.lead(update, &team, &mut waited)).collect::<Result<_>>()?;
+        let Some(helper) = helper.as_ref().filter(|helper| !patience.exhausted() && helper.exists()) else {
+            let alone = |_, work: &dyn Fn(usize)| [0, 1].into_iter().for_each(work);
+            let records = (0..count).map(|update| call.lead(update, alone)).collect::<Result<_>>()?;
             patience.note(count as u64, Duration::ZERO, Duration::ZERO);
             return Ok(Updates { records, busy: patience.exhausted() });
         };
-        let mut begun = None;
-        let records = pool.in_place_scope(|scope| {
+        let (team, mut waited, mut begun) = (Team::default(), Duration::ZERO, None);
+        let records = helper.beside(|start| {
             let _end = team.until_dropped();
             let one_update = |update| {
-                if begun.is_none() && room.load(Ordering::Relaxed) {
-                    begun = Some((update, Instant::now()));
-                    scope.spawn(|_| team.help(|phase| call.help(phase)));
-                }
-                call.lead(update, &team, &mut waited)
+                call.lead(update, |phase, work| {
+                    if begun.is_none() && helper.has_room() {
+                        begun = Some((update, Instant::now()));
+                        start.work(|| team.help(|phase| call.help(phase)));
+                    }
+                    waited += team.lead(phase, work);
+                })
             };
             (0..count).map(one_update).collect::<Result<_>>()
         })?;
@@ -273,13 +257,14 @@ mod tests {
         }
     }
 
-    /// What `made` makes of networks in `count` updates of a learner with two threads.
+    /// What `made` makes of networks in `count` updates of a learner with so many threads.
     fn state(
         settings: &Settings,
         count: usize,
+        threads: usize,
         made: impl FnOnce(&mut Learner<f32>, [Trained<'_, f32>; 2], Draws<'_>) -> Vec<Record>,
     ) -> (Vec<Vec<f32>>, Vec<Record>) {
-        let mut learner = Learner::new(settings.clone(), 2, Isa::detect()).unwrap();
+        let mut learner = Learner::new(settings.clone(), threads, Isa::detect()).unwrap();
         let vectors = |size, seed| [numbers(size, seed), numbers(size, seed + 0.1), vec![0.0; size], vec![0.0; size]];
         let mut networks = [vectors(settings.sizes[0], 0.1), vectors(settings.sizes[1], 0.7)];
         let trained = networks.each_mut().map(|[parameters, targets, first, second]| Trained {
@@ -296,30 +281,40 @@ mod tests {
         (networks.concat(), records)
     }
 
-    /// Every update in halves, which a helper and its leader or the leader alone go through; and every one as a whole.
+    /// Every update as a whole; and in halves, which a leader alone, a helper and its leader, or a helper that comes late
+    /// goes through.
     #[test]
     fn halves_give_the_bits_of_the_whole() {
         const COUNT: usize = 30;
         for (batch, critics) in [(96, 2), (45, 2), (9, 1), (40, 1)] {
             let settings = settings(batch, critics);
-            let alone = state(&settings, COUNT, |learner, [actor, critics], draws| {
-                learner.update(actor, critics, draws, &AtomicBool::new(false)).unwrap().records
-            });
-            let in_halves = |helps: bool| {
-                state(&settings, COUNT, |learner, networks, draws| {
-                    let parts = [std::slice::from_ref(&learner.whole), &learner.halves[..]];
-                    let call = Call::new(&learner.settings, learner.isa, draws, networks, learner.cuts, parts);
-                    let (team, mut waited) = (Team::joined(), Duration::ZERO);
+            let with_threads = |threads| {
+                state(&settings, COUNT, threads, |learner, [actor, critics], draws| {
+                    learner.update(actor, critics, draws).unwrap().records
+                })
+            };
+            let whole = with_threads(1);
+            let comes_in = |phase: usize| {
+                state(&settings, COUNT, 2, |learner, networks, draws| {
+                    let call = Call::new(&learner.settings, learner.isa, draws, networks, learner.cuts, &learner.parts);
+                    let (team, call) = (Team::default(), &call);
                     std::thread::scope(|scope| {
                         let _end = team.until_dropped();
-                        if helps {
-                            scope.spawn(|| team.help(|phase| call.help(phase)));
-                        }
-                        (0..COUNT).map(|update| call.lead(update, &team, &mut waited).unwrap()).collect()
+                        let team = &team;
+                        let both = |now: usize, work: &dyn Fn(usize)| {
+                            if now == phase {
+                                scope.spawn(|| team.help(|phase| call.help(phase)));
+                            }
+                            team.lead(now, work);
+                        };
+                        (0..COUNT).map(|update| call.lead(update, both).unwrap()).collect()
                     })
                 })
             };
-            assert!(in_halves(false) == alone && in_halves(true) == alone, "batch {batch}, {critics} critics");
+            assert!(with_threads(2) == whole, "batch {batch}, {critics} critics");
+            for phase in [1, 6, usize::MAX] {
+                assert!(comes_in(phase) == whole, "batch {batch}, {critics} critics, a helper from phase {phase} on");
+            }
         }
     }
 
@@ -327,11 +322,11 @@ mod tests {
     fn an_exhausted_patience_leaves_one_thread_with_the_same_bits_and_is_told() {
         let settings = settings(40, 2);
         let made = |exhausted: bool| {
-            state(&settings, 20, |learner, [actor, critics], draws| {
+            state(&settings, 20, 2, |learner, [actor, critics], draws| {
                 if exhausted {
                     learner.patience.note(Patience::WINDOW, Duration::from_secs(2), Duration::from_secs(1));
                 }
-                let updates = learner.update(actor, critics, draws, &AtomicBool::new(true)).unwrap();
+                let updates = learner.update(actor, critics, draws).unwrap();
                 assert_eq!(updates.busy, exhausted);
                 updates.records
             })

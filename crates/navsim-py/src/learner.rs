@@ -2,7 +2,9 @@
 
 use crate::actor::answers;
 use crate::arguments::{copy_mask, refusal};
-use navlearn::{Draws, Error, Layer, Mirror, Real, Record, Settings, Trained, Updates, Vectors};
+use navlearn::{
+    Acting, Draws, Error, Helper, Isa, Layer, Mirror, Real, Record, Result, Settings, Trained, Updates, Vectors,
+};
 use numpy::ndarray::Dimension;
 use numpy::{
     Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,
@@ -11,25 +13,7 @@ use numpy::{
 use pyo3::exceptions::{PyArithmeticError, PyValueError};
 use pyo3::prelude::*;
 use std::ops::Range;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-
-/// Whether there is room for a second thread to learn; one thread may say so while another one makes updates.
-#[pyclass(module = "navrl._navsim", frozen)]
-pub struct Room(Arc<AtomicBool>);
-
-#[pymethods]
-impl Room {
-    #[new]
-    fn new(free: bool) -> Self {
-        Self(Arc::new(AtomicBool::new(free)))
-    }
-
-    /// Sets it.
-    fn set(&self, free: bool) {
-        self.0.store(free, Ordering::Relaxed);
-    }
-}
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// What one update tells.
 #[pyclass(module = "navrl._navsim", frozen, get_all)]
@@ -43,17 +27,33 @@ pub struct UpdateRecord {
 }
 
 /// Updates of the networks of one learner; see navrl.native.
-#[pyclass(module = "navrl._navsim")]
+#[pyclass(module = "navrl._navsim", frozen)]
 pub struct Learner {
     core: Core,
-    room: Arc<AtomicBool>,
-    /// Which rows of the present call are mirrored.
-    mirrored: Vec<bool>,
+    helper: Option<Arc<Helper>>,
 }
 
 enum Core {
-    Single(navlearn::Learner<f32>),
-    Double(navlearn::Learner<f64>),
+    Single(Both<f32>),
+    Double(Both<f64>),
+}
+
+/// What makes updates, and what acts: one beside the other, from two threads.
+struct Both<T> {
+    updates: Mutex<navlearn::Learner<T>>,
+    acting: Mutex<Acting<T>>,
+}
+
+impl<T: Real> Both<T> {
+    fn new(settings: Settings, threads: usize, isa: Isa) -> Result<Self> {
+        let acting = Acting::new(&settings.actor, settings.sizes[0], isa)?;
+        Ok(Self { updates: Mutex::new(navlearn::Learner::new(settings, threads, isa)?), acting: Mutex::new(acting) })
+    }
+}
+
+/// Whoever comes second waits.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Parameters, targets and Adam's two moments of a network.
@@ -111,7 +111,11 @@ pub(crate) fn numbers<'a, T: Element, D: Dimension>(
 
 fn borrowed<'py, T: Element>(arrays: &Arrays<'py, T>) -> PyResult<Vec<PyReadwriteArray1<'py, T>>> {
     let borrow = |array: &Bound<'py, PyArray1<T>>| array.try_readwrite();
-    arrays.iter().map(borrow).collect::<Result<_, _>>().map_err(|e| PyValueError::new_err(format!("vectors: {e}")))
+    arrays
+        .iter()
+        .map(borrow)
+        .collect::<std::result::Result<_, _>>()
+        .map_err(|e| PyValueError::new_err(format!("vectors: {e}")))
 }
 
 fn trained<'a, T: Element>(
@@ -127,12 +131,11 @@ fn trained<'a, T: Element>(
 
 fn update<T: Real + Element>(
     py: Python<'_>,
-    core: &mut navlearn::Learner<T>,
+    core: &Both<T>,
     [actor, critic]: [&Bound<'_, PyAny>; 2],
     rates: [f64; 2],
     steps: [u64; 2],
     draws: Draws<'_>,
-    room: &AtomicBool,
 ) -> PyResult<(Vec<UpdateRecord>, bool)> {
     let (actor, critic): (Arrays<'_, T>, Arrays<'_, T>) = (actor.extract()?, critic.extract()?);
     let read = [place(draws.replay), place(draws.indices), place(draws.noise)];
@@ -140,7 +143,7 @@ fn update<T: Real + Element>(
     let (mut actor, mut critic) = (borrowed(&actor)?, borrowed(&critic)?);
     let actor = trained(&mut actor, rates[0], steps[0])?;
     let critic = trained(&mut critic, rates[1], steps[1])?;
-    let Updates { records, busy } = py.detach(|| core.update(actor, critic, draws, room)).map_err(stopped)?;
+    let Updates { records, busy } = py.detach(|| lock(&core.updates).update(actor, critic, draws)).map_err(stopped)?;
     Ok((records.into_iter().map(UpdateRecord::from).collect(), busy))
 }
 
@@ -153,20 +156,21 @@ impl From<Record> for UpdateRecord {
 
 fn act<'py, T: Real + Element>(
     py: Python<'py>,
-    core: &mut navlearn::Learner<T>,
+    core: &Both<T>,
     actor: &Bound<'py, PyAny>,
     observations: &PyReadonlyArray2<'py, f32>,
 ) -> PyResult<Bound<'py, PyArray2<f32>>> {
     let actor: PyReadonlyArray1<'py, T> = actor.extract()?;
-    let (parameters, acting) = (numbers("actor", &actor)?, core.acting());
-    answers(py, acting.inputs(), observations, |rows, actions| acting.act(parameters, rows, actions))
+    let parameters = numbers("actor", &actor)?;
+    let inputs = lock(&core.acting).inputs();
+    answers(py, inputs, observations, |rows, actions| lock(&core.acting).act(parameters, rows, actions))
 }
 
 #[pymethods]
 impl Learner {
     #[new]
     #[pyo3(signature = (*, double, actor, critic, action_weight, critics, batch, sizes, policy_delay, tau,
-        pretanh_penalty, bounds, frozen_combined, mirror, threads, room))]
+        pretanh_penalty, bounds, frozen_combined, mirror, threads))]
     #[expect(clippy::too_many_arguments, reason = "keywords, each a setting of the core")]
     fn new(
         double: bool,
@@ -183,7 +187,6 @@ impl Learner {
         frozen_combined: bool,
         mirror: Option<(Vec<usize>, Vec<f32>)>,
         threads: usize,
-        room: &Bound<'_, Room>,
     ) -> PyResult<Self> {
         let (actor, critic) = (layers(actor), layers(critic));
         let mirror = mirror.map(|(permutation, signs)| Mirror { permutation, signs });
@@ -201,20 +204,31 @@ impl Learner {
             frozen_combined,
             mirror,
         };
-        let isa = navlearn::Isa::current().map_err(refusal)?;
+        let isa = Isa::current().map_err(refusal)?;
         let core = if double {
-            Core::Double(navlearn::Learner::new(settings, threads, isa).map_err(stopped)?)
+            Core::Double(Both::new(settings, threads, isa).map_err(stopped)?)
         } else {
-            Core::Single(navlearn::Learner::new(settings, threads, isa).map_err(stopped)?)
+            Core::Single(Both::new(settings, threads, isa).map_err(stopped)?)
         };
-        Ok(Self { core, room: room.get().0.clone(), mirrored: Vec::new() })
+        let helper = match &core {
+            Core::Single(both) => lock(&both.updates).helper(),
+            Core::Double(both) => lock(&both.updates).helper(),
+        };
+        Ok(Self { core, helper })
+    }
+
+    /// Tells, also while updates are made, whether there is a processor for their second thread; at first there is.
+    fn make_room(&self, room: bool) {
+        if let Some(helper) = &self.helper {
+            helper.make_room(room);
+        }
     }
 
     /// As many updates as there are batches of indices; see `navlearn::Learner::update`.
     #[pyo3(signature = (*, actor, critic, rates, steps, replay, indices, mirrored, noise))]
     #[expect(clippy::too_many_arguments, reason = "keywords, each an array of the caller")]
     fn update(
-        &mut self,
+        &self,
         py: Python<'_>,
         actor: &Bound<'_, PyAny>,
         critic: &Bound<'_, PyAny>,
@@ -225,31 +239,31 @@ impl Learner {
         mirrored: &Bound<'_, PyAny>,
         noise: PyReadonlyArray1<'_, f32>,
     ) -> PyResult<(Vec<UpdateRecord>, bool)> {
-        let Self { core, room, mirrored: mask } = self;
-        copy_mask("mirrored", mirrored, &[indices.len()], mask)?;
+        let mut mask = Vec::new();
+        copy_mask("mirrored", mirrored, &[indices.len()], &mut mask)?;
         let draws = Draws {
             replay: numbers("replay", &replay)?,
             width: replay.shape()[1],
             indices: numbers("indices", &indices)?,
-            mirrored: mask,
+            mirrored: &mask,
             noise: numbers("noise", &noise)?,
         };
         let networks = [actor, critic];
-        match core {
-            Core::Single(core) => update(py, core, networks, rates, steps, draws, room),
-            Core::Double(core) => update(py, core, networks, rates, steps, draws, room),
+        match &self.core {
+            Core::Single(core) => update(py, core, networks, rates, steps, draws),
+            Core::Double(core) => update(py, core, networks, rates, steps, draws),
         }
     }
 
-    /// Actions (n, 2) of the actor for observations (n, inputs).
+    /// Actions (n, 2) of the actor for observations (n, inputs), also while updates of other vectors are made.
     #[pyo3(signature = (*, actor, observations))]
     fn act<'py>(
-        &mut self,
+        &self,
         py: Python<'py>,
         actor: &Bound<'py, PyAny>,
         observations: PyReadonlyArray2<'py, f32>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        match &mut self.core {
+        match &self.core {
             Core::Single(core) => act(py, core, actor, &observations),
             Core::Double(core) => act(py, core, actor, &observations),
         }

@@ -25,7 +25,7 @@ mod _navsim {
     #[pymodule_export]
     use crate::controller::Controller;
     #[pymodule_export]
-    use crate::learner::{Learner, Room, UpdateRecord};
+    use crate::learner::{Learner, UpdateRecord};
     #[pymodule_export]
     use crate::planner::{Lookahead, plan};
     #[pymodule_export]
