@@ -55,7 +55,7 @@ impl<T: Real> Acting<T> {
                     *number = T::of(f64::from(x));
                 }
             }
-            self.actor.forward(Packed::new([parameters, &[]]), &self.observations);
+            self.actor.forward(Packed::new(&[(0, parameters)]), &self.observations);
             let (forward, turn) = self.actor.outputs.split_at(ROWS);
             for (action, (v, omega)) in actions.chunks_exact_mut(ACTIONS).zip(forward.iter().zip(turn)) {
                 // Eq. 8: mu(s) = tanh of the output layer

@@ -27,11 +27,6 @@ impl Layer {
         Self { weight, bias: self.bias + number * self.outputs, ..self }
     }
 
-    /// This layer of `count` critics at once, which see the same inputs and lie one after the other.
-    pub fn of_critics(self, count: usize) -> Self {
-        Self { outputs: count * self.outputs, ..self }
-    }
-
     /// Where W lies.
     pub fn weights(self) -> Range<usize> {
         self.weight..self.weight + self.outputs * self.inputs
@@ -44,13 +39,12 @@ impl Layer {
 
     /// W x (outputs, batch) for `inputs` x (inputs, batch).
     pub fn product<T: Real>(self, isa: Isa, parameters: Packed<'_, T>, inputs: &[T], outputs: &mut [T], batch: usize) {
-        let [first, second] = parameters.parts(self.weights());
-        let (above, below) = outputs.split_at_mut(first.len() / self.inputs * batch);
-        for (weight, outputs) in [(first, above), (second, below)] {
-            if !weight.is_empty() {
-                let weight = Matrix::by_rows(weight, self.inputs);
-                multiply(isa, weight, Matrix::by_rows(inputs, batch), Sum::Whole, outputs);
-            }
+        let mut rest = outputs;
+        for weight in parameters.parts(self.weights()) {
+            let (outputs, further) = rest.split_at_mut(weight.len() / self.inputs * batch);
+            let weight = Matrix::by_rows(weight, self.inputs);
+            multiply(isa, weight, Matrix::by_rows(inputs, batch), Sum::Whole, outputs);
+            rest = further;
         }
     }
 
@@ -95,15 +89,12 @@ impl Layer {
         lower: &mut [T],
         batch: usize,
     ) {
-        let [first, second] = parameters.parts(self.weights());
-        let (above, below) = upper.split_at(first.len() / self.inputs * batch);
-        let mut sum = Sum::Whole;
-        for (weight, upper) in [(first, above), (second, below)] {
-            if !weight.is_empty() {
-                let weight = Matrix::by_rows(weight, self.inputs).transposed();
-                multiply(isa, weight, Matrix::by_rows(upper, batch), sum, lower);
-                sum = Sum::Onto;
-            }
+        let (mut rest, mut sum) = (upper, Sum::Whole);
+        for weight in parameters.parts(self.weights()) {
+            let (upper, further) = rest.split_at(weight.len() / self.inputs * batch);
+            let weight = Matrix::by_rows(weight, self.inputs).transposed();
+            multiply(isa, weight, Matrix::by_rows(upper, batch), sum, lower);
+            (rest, sum) = (further, Sum::Onto);
         }
     }
 }

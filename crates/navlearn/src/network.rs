@@ -1,4 +1,4 @@
-//! The actor (equation 8) and the critics (equation 7): a batch forward, and gradients back.
+//! The actor (equation 8) and a critic (equation 7): a batch forward, and gradients back.
 //!
 //! A network here is sizes and memory for one batch; parameters are passed in, so that the same memory serves the
 //! networks and their targets in turn. `backward` needs the `forward` before it.
@@ -9,6 +9,7 @@ use crate::kernels::{Isa, combined_relu, narrow, narrow_inputs, narrow_weights};
 use crate::layer::Layer;
 use crate::packed::Packed;
 use crate::real::Real;
+use std::ops::Range;
 
 /// Working memory of one batch in hidden layers.
 #[derive(Debug)]
@@ -16,18 +17,18 @@ struct Memory<T> {
     /// Rows of the batch, and how many of them are summed first in the gradients of weights and biases.
     sizes: [usize; 2],
     isa: Isa,
-    /// y of each hidden layer (critics, units, batch).
+    /// y of each hidden layer (units, batch).
     values: Vec<Vec<T>>,
     /// dL/dy of each.
     uppers: Vec<Vec<T>>,
-    /// Room for y^T (batch, units) of one layer of one network.
+    /// Room for y^T (batch, units) of one layer.
     turned: Vec<T>,
 }
 
 impl<T: Real> Memory<T> {
-    /// For `count` networks with layers of such sizes.
-    fn new(hidden: &[Layer], count: usize, sizes: [usize; 2], isa: Isa) -> Self {
-        let sized = |layer: &Layer| vec![T::ZERO; count * layer.outputs * sizes[0]];
+    /// For layers of such sizes.
+    fn new(hidden: &[Layer], sizes: [usize; 2], isa: Isa) -> Self {
+        let sized = |layer: &Layer| vec![T::ZERO; layer.outputs * sizes[0]];
         let memory = || hidden.iter().map(sized).collect();
         let largest = hidden.iter().map(|layer| layer.outputs).max().unwrap_or_default();
         Self { sizes, isa, values: memory(), uppers: memory(), turned: vec![T::ZERO; largest * sizes[0]] }
@@ -49,7 +50,7 @@ impl<T: Real> Actor<T> {
     /// batch, and those of them that gradients sum first.
     pub fn new(layers: &[Layer], sizes: [usize; 2], isa: Isa) -> Self {
         let (output, hidden) = (layers[layers.len() - 1], &layers[..layers.len() - 1]);
-        let (memory, outputs) = (Memory::new(hidden, 1, sizes, isa), vec![T::ZERO; ACTIONS * sizes[0]]);
+        let (memory, outputs) = (Memory::new(hidden, sizes, isa), vec![T::ZERO; ACTIONS * sizes[0]]);
         Self { hidden: hidden.to_vec(), output, memory, outputs }
     }
 
@@ -115,84 +116,58 @@ fn backward_output<T: Real>(
     }
 }
 
-/// One critic or two, which lie one after the other in every parameter.
+/// One critic.
 #[derive(Debug)]
-pub struct Critics<T> {
-    /// Layers of the first critic: the one that sees the observation, the combined one, further ones, the output.
+pub struct Critic<T> {
+    /// The layer that sees the observation, the combined one, further ones, the output.
     layers: Vec<Layer>,
-    /// Place of W_a (2, units of the combined layer) of the first critic.
-    action_weight: usize,
+    /// Place of W_a (2, units of the combined layer).
+    action_weights: Range<usize>,
     frozen_combined: bool,
     memory: Memory<T>,
-    /// (critics, batch) Q(s, a).
+    /// (batch) Q(s, a).
     pub outputs: Vec<T>,
 }
 
-/// The part of `memory` (critics, units, batch) that belongs to one critic.
-fn part<T>(memory: &[T], critic: usize, size: usize) -> &[T] {
-    &memory[critic * size..][..size]
-}
-
-/// As `part`, to be written.
-fn part_mut<T>(memory: &mut [T], critic: usize, size: usize) -> &mut [T] {
-    &mut memory[critic * size..][..size]
-}
-
-impl<T: Real> Critics<T> {
-    /// Memory for batches through `count` critics of two hidden layers or more; `sizes` as in [`Actor::new`].
+impl<T: Real> Critic<T> {
+    /// Memory for batches through a critic of two hidden layers or more; `sizes` as in [`Actor::new`].
     pub fn new(
         layers: Vec<Layer>,
-        action_weight: usize,
+        action_weights: Range<usize>,
         frozen_combined: bool,
-        count: usize,
         sizes: [usize; 2],
         isa: Isa,
     ) -> Self {
-        let memory = Memory::new(&layers[..layers.len() - 1], count, sizes, isa);
-        let outputs = vec![T::ZERO; count * sizes[0]];
-        Self { layers, action_weight, frozen_combined, memory, outputs }
+        let memory = Memory::new(&layers[..layers.len() - 1], sizes, isa);
+        Self { layers, action_weights, frozen_combined, memory, outputs: vec![T::ZERO; sizes[0]] }
     }
 
-    fn output(&self) -> Layer {
-        self.layers[self.layers.len() - 1]
+    fn hidden(&self) -> usize {
+        self.layers.len() - 1
     }
 
-    /// W_a of a critic.
-    fn action_weights(&self, critic: usize) -> std::ops::Range<usize> {
-        let size = ACTIONS * self.layers[1].outputs;
-        self.action_weight + critic * size..self.action_weight + (critic + 1) * size
-    }
-
-    /// Computes the outputs of the first `count` critics for observations (inputs, batch) and actions (2, batch).
-    pub fn forward(&mut self, parameters: Packed<'_, T>, observations: &[T], actions: &[T], count: usize) {
-        let (isa, [batch, _]) = (self.memory.isa, self.memory.sizes);
-        let first = self.layers[0].of_critics(count);
-        first.forward(isa, parameters, observations, &mut self.memory.values[0][..first.outputs * batch], batch);
-        for critic in 0..count {
-            let action_weights = self.action_weights(critic);
-            for i in 1..self.layers.len() - 1 {
-                let layer = self.layers[i].of_critic(critic);
-                let (below, above) = self.memory.values.split_at_mut(i);
-                let inputs = part(&below[i - 1], critic, layer.inputs * batch);
-                let values = part_mut(&mut above[0], critic, layer.outputs * batch);
-                if i == 1 {
-                    // Eq. 7: l_c = relu(l_s W_s + a W_a + b)
-                    layer.product(isa, parameters, inputs, values, batch);
-                    let (weight, bias) = (parameters.at(action_weights.clone()), parameters.at(layer.biases()));
-                    combined_relu(isa, values, bias, weight, actions, batch);
-                } else {
-                    layer.forward(isa, parameters, inputs, values, batch);
-                }
+    /// Computes `outputs` for observations (inputs, batch) and actions (2, batch).
+    pub fn forward(&mut self, parameters: Packed<'_, T>, observations: &[T], actions: &[T]) {
+        let Memory { sizes: [batch, _], isa, ref mut values, .. } = self.memory;
+        let (output, hidden) = (self.layers[self.layers.len() - 1], &self.layers[..self.layers.len() - 1]);
+        for (i, layer) in hidden.iter().enumerate() {
+            let (below, above) = values.split_at_mut(i);
+            let (inputs, values) = (below.last().map_or(observations, Vec::as_slice), &mut above[0]);
+            if i == 1 {
+                // Eq. 7: l_c = relu(l_s W_s + a W_a + b)
+                layer.product(isa, parameters, inputs, values, batch);
+                let weight = parameters.at(self.action_weights.clone());
+                combined_relu(isa, values, parameters.at(layer.biases()), weight, actions, batch);
+            } else {
+                layer.forward(isa, parameters, inputs, values, batch);
             }
-            let output = self.output().of_critic(critic);
-            let inputs = part(&self.memory.values[self.layers.len() - 2], critic, output.inputs * batch);
-            let (weight, bias) = (parameters.at(output.weights()), parameters.at(output.biases()));
-            narrow(isa, weight, Some(bias), inputs, part_mut(&mut self.outputs, critic, batch), batch);
         }
+        let (weight, bias) = (parameters.at(output.weights()), parameters.at(output.biases()));
+        narrow(isa, weight, Some(bias), &values[hidden.len() - 1], &mut self.outputs, batch);
     }
 
-    /// Sets the gradients of all trained parameters of all critics from `upper` (critics, batch), dL/dQ; `observations`
-    /// are (batch, inputs), `actions` (2, batch).
+    /// Sets the gradients of all trained parameters from `upper` (batch), dL/dQ; `observations` are (batch, inputs),
+    /// `actions` (2, batch).
     pub fn backward(
         &mut self,
         parameters: Packed<'_, T>,
@@ -203,62 +178,42 @@ impl<T: Real> Critics<T> {
     ) {
         let Memory { isa, sizes, .. } = self.memory;
         let [batch, cut] = sizes;
-        for (critic, upper) in upper.chunks_exact(batch).enumerate() {
-            let output = self.output().of_critic(critic);
-            let inputs = part(&self.memory.values[self.layers.len() - 2], critic, output.inputs * batch);
-            backward_output(isa, output, upper, inputs, gradient, sizes);
-            for i in (1..self.layers.len() - 1).rev() {
-                self.reach_layer(i, critic, parameters, upper, gradient);
-                let layer = self.layers[i].of_critic(critic);
-                let action_weights = self.action_weights(critic);
-                let Memory { values, uppers, turned, .. } = &mut self.memory;
-                let upper = part(&uppers[i], critic, layer.outputs * batch);
-                if i > 1 || !self.frozen_combined {
-                    let inputs = turn(part(&values[i - 1], critic, layer.inputs * batch), turned, batch);
-                    layer.weight_gradient(isa, upper, inputs, gradient, cut);
-                    if i == 1 {
-                        narrow_weights(isa, actions, upper, &mut gradient[action_weights], batch, cut);
-                    }
-                } else {
-                    gradient[layer.biases()].fill(T::ZERO);
-                }
+        let top = &self.memory.values[self.hidden() - 1];
+        backward_output(isa, self.layers[self.hidden()], upper, top, gradient, sizes);
+        for i in (0..self.hidden()).rev() {
+            self.reach_layer(i, parameters, upper, gradient);
+            let (layer, Memory { values, uppers, turned, .. }) = (self.layers[i], &mut self.memory);
+            if i == 1 && self.frozen_combined {
+                gradient[layer.biases()].fill(T::ZERO);
+                continue;
             }
-            let combined = self.layers[1].of_critic(critic);
-            let (below, above) = self.memory.uppers.split_at_mut(1);
-            let upper = part(&above[0], critic, combined.outputs * batch);
-            let lower = part_mut(&mut below[0], critic, combined.inputs * batch);
-            combined.input_gradient(isa, parameters, upper, lower, batch);
+            let inputs = if i == 0 { observations } else { turn(&values[i - 1], turned, batch) };
+            layer.weight_gradient(isa, &uppers[i], inputs, gradient, cut);
+            if i == 1 {
+                narrow_weights(isa, actions, &uppers[1], &mut gradient[self.action_weights.clone()], batch, cut);
+            }
         }
-        let first = self.layers[0].of_critics(upper.len() / batch);
-        let Memory { values, uppers, .. } = &mut self.memory;
-        first.through_relu(isa, &mut uppers[0], &values[0], gradient, sizes);
-        first.weight_gradient(isa, &uppers[0], observations, gradient, cut);
     }
 
     /// Sets dL/d(W x + b) of hidden layer `i` and the gradient of its b from the layer above, or the output's `upper`.
-    fn reach_layer(&mut self, i: usize, critic: usize, parameters: Packed<'_, T>, upper: &[T], gradient: &mut [T]) {
+    fn reach_layer(&mut self, i: usize, parameters: Packed<'_, T>, upper: &[T], gradient: &mut [T]) {
         let Memory { isa, sizes, ref values, ref mut uppers, .. } = self.memory;
-        let batch = sizes[0];
-        let (layer, above) = (self.layers[i].of_critic(critic), self.layers[i + 1].of_critic(critic));
+        let (layer, above) = (self.layers[i], self.layers[i + 1]);
         let (own, further) = uppers.split_at_mut(i + 1);
-        let own = part_mut(&mut own[i], critic, layer.outputs * batch);
         match further.first() {
-            Some(upper) => {
-                above.input_gradient(isa, parameters, part(upper, critic, above.outputs * batch), own, batch)
-            }
-            None => narrow_inputs(isa, parameters.at(above.weights()), upper, own, batch),
+            Some(upper) => above.input_gradient(isa, parameters, upper, &mut own[i], sizes[0]),
+            None => narrow_inputs(isa, parameters.at(above.weights()), upper, &mut own[i], sizes[0]),
         }
-        layer.through_relu(isa, own, part(&values[i], critic, layer.outputs * batch), gradient, sizes);
+        layer.through_relu(isa, &mut own[i], &values[i], gradient, sizes);
     }
 
-    /// dL/da (2, batch) from `upper` (batch), dL/dQ of the first critic. Of `gradient` some biases are overwritten.
+    /// dL/da (2, batch) from `upper` (batch), dL/dQ. Of `gradient` some biases are overwritten.
     pub fn action_gradient(&mut self, parameters: Packed<'_, T>, upper: &[T], gradient: &mut [T], actions: &mut [T]) {
-        for i in (1..self.layers.len() - 1).rev() {
-            self.reach_layer(i, 0, parameters, upper, gradient);
+        for i in (1..self.hidden()).rev() {
+            self.reach_layer(i, parameters, upper, gradient);
         }
         let Memory { isa, sizes: [batch, _], ref uppers, .. } = self.memory;
-        let combined = part(&uppers[1], 0, self.layers[1].outputs * batch);
-        narrow(isa, parameters.at(self.action_weights(0)), None, combined, actions, batch);
+        narrow(isa, parameters.at(self.action_weights.clone()), None, &uppers[1], actions, batch);
     }
 }
 
@@ -275,16 +230,17 @@ mod tests {
         (0..count).map(|i| (seed + 2.3 * i as f64).sin()).collect()
     }
 
-    fn whole(numbers: &[f64]) -> Packed<'_, f64> {
-        Packed::new([numbers, &[]])
+    /// All of a vector in one piece.
+    fn whole(numbers: &[f64]) -> [(usize, &[f64]); 1] {
+        [(0, numbers)]
     }
 
-    /// Layers one after the other for `count` critics, from place `first` on; and the place after them.
-    fn layers(sizes: &[usize], count: usize, first: usize) -> (Vec<Layer>, usize) {
+    /// Layers one after the other, from place `first` on; and the place after them.
+    fn layers(sizes: &[usize], first: usize) -> (Vec<Layer>, usize) {
         let mut end = first;
         let mut place = |size: usize| {
-            end += count * size;
-            end - count * size
+            end += size;
+            end - size
         };
         let layer = |pair: &[usize]| {
             let (inputs, outputs) = (pair[0], pair[1]);
@@ -319,16 +275,17 @@ mod tests {
     #[test]
     fn actor_gradients_are_slopes() {
         for sizes in [vec![INPUTS, 4, 2], vec![INPUTS, 7, 6, 2], vec![INPUTS, 4, 9, 3, 2]] {
-            let (layers, size) = layers(&sizes, 1, 0);
+            let (layers, size) = layers(&sizes, 0);
             let (parameters, observations) = (numbers(size, 0.1), numbers(INPUTS * BATCH, 0.2));
             let upper = numbers(2 * BATCH, 0.3);
             let mut actor = Actor::new(&layers, [BATCH, CUT], Isa::detect());
             let mut gradient = vec![f64::NAN; size];
-            actor.forward(whole(&parameters), &observations);
+            actor.forward(Packed::new(&whole(&parameters)), &observations);
             let rows = by_rows(&observations);
-            actor.backward(whole(&parameters), Matrix::by_rows(&rows, INPUTS), &upper, &mut gradient);
+            let pieces = whole(&parameters);
+            actor.backward(Packed::new(&pieces), Matrix::by_rows(&rows, INPUTS), &upper, &mut gradient);
             compare(&parameters, &gradient, |moved| {
-                actor.forward(whole(moved), &observations);
+                actor.forward(Packed::new(&whole(moved)), &observations);
                 weighted(&actor.outputs, &upper)
             });
         }
@@ -337,45 +294,44 @@ mod tests {
     #[test]
     fn critic_gradients_are_slopes() {
         for sizes in [vec![INPUTS, 6, 4, 1], vec![INPUTS, 4, 7, 5, 1], vec![INPUTS, 3, 4, 5, 6, 1]] {
-            for count in [1, 2] {
-                let action_size = count * ACTIONS * sizes[2];
-                let (layers, size) = layers(&sizes, count, action_size);
-                let (parameters, observations) = (numbers(size, 0.4), numbers(INPUTS * BATCH, 0.5));
-                let (actions, upper) = (numbers(ACTIONS * BATCH, 0.6), numbers(count * BATCH, 0.7));
-                let mut critics = Critics::new(layers, 0, false, count, [BATCH, CUT], Isa::detect());
-                let mut gradient = vec![f64::NAN; size];
-                critics.forward(whole(&parameters), &observations, &actions, count);
-                let rows = by_rows(&observations);
-                critics.backward(whole(&parameters), Matrix::by_rows(&rows, INPUTS), &actions, &upper, &mut gradient);
-                compare(&parameters, &gradient, |moved| {
-                    critics.forward(whole(moved), &observations, &actions, count);
-                    weighted(&critics.outputs, &upper)
-                });
-                critics.forward(whole(&parameters), &observations, &actions, 1);
-                let mut slopes = vec![0.0; ACTIONS * BATCH];
-                critics.action_gradient(whole(&parameters), &upper[..BATCH], &mut gradient, &mut slopes);
-                compare(&actions, &slopes, |moved| {
-                    critics.forward(whole(&parameters), &observations, moved, 1);
-                    weighted(&critics.outputs[..BATCH], &upper[..BATCH])
-                });
-            }
+            let action_weights = 0..ACTIONS * sizes[2];
+            let (layers, size) = layers(&sizes, action_weights.end);
+            let (parameters, observations) = (numbers(size, 0.4), numbers(INPUTS * BATCH, 0.5));
+            let (actions, upper) = (numbers(ACTIONS * BATCH, 0.6), numbers(BATCH, 0.7));
+            let mut critic = Critic::new(layers, action_weights, false, [BATCH, CUT], Isa::detect());
+            let (mut gradient, pieces) = (vec![f64::NAN; size], whole(&parameters));
+            critic.forward(Packed::new(&pieces), &observations, &actions);
+            let rows = by_rows(&observations);
+            critic.backward(Packed::new(&pieces), Matrix::by_rows(&rows, INPUTS), &actions, &upper, &mut gradient);
+            compare(&parameters, &gradient, |moved| {
+                critic.forward(Packed::new(&whole(moved)), &observations, &actions);
+                weighted(&critic.outputs, &upper)
+            });
+            critic.forward(Packed::new(&pieces), &observations, &actions);
+            let mut slopes = vec![0.0; ACTIONS * BATCH];
+            critic.action_gradient(Packed::new(&pieces), &upper, &mut gradient, &mut slopes);
+            compare(&actions, &slopes, |moved| {
+                critic.forward(Packed::new(&pieces), &observations, moved);
+                weighted(&critic.outputs, &upper)
+            });
         }
     }
 
     #[test]
     fn a_frozen_combined_layer_has_no_gradient() {
-        let (layers, size) = layers(&[INPUTS, 4, 6, 1], 2, 2 * ACTIONS * 6);
-        let mut critics = Critics::new(layers.clone(), 0, true, 2, [BATCH, CUT], Isa::detect());
+        let action_weights = 0..ACTIONS * 6;
+        let (layers, size) = layers(&[INPUTS, 4, 6, 1], action_weights.end);
+        let (first, combined) = (layers[0], layers[1]);
+        let mut critic = Critic::new(layers, action_weights.clone(), true, [BATCH, CUT], Isa::detect());
         let (observations, actions, parameters) =
             (numbers(INPUTS * BATCH, 0.5), numbers(ACTIONS * BATCH, 0.6), numbers(size, 0.4));
-        let mut gradient = vec![0.0; size];
-        critics.forward(whole(&parameters), &observations, &actions, 2);
+        let (mut gradient, pieces) = (vec![0.0; size], whole(&parameters));
+        critic.forward(Packed::new(&pieces), &observations, &actions);
         let rows = by_rows(&observations);
-        let upper = numbers(2 * BATCH, 0.7);
-        critics.backward(whole(&parameters), Matrix::by_rows(&rows, INPUTS), &actions, &upper, &mut gradient);
-        let combined = layers[1].of_critics(2);
-        let frozen = [0..2 * ACTIONS * 6, combined.weights(), combined.biases()];
+        let upper = numbers(BATCH, 0.7);
+        critic.backward(Packed::new(&pieces), Matrix::by_rows(&rows, INPUTS), &actions, &upper, &mut gradient);
+        let frozen = [action_weights, combined.weights(), combined.biases()];
         assert!(frozen.into_iter().all(|range| gradient[range].iter().all(|&g| g == 0.0)));
-        assert!(gradient[layers[0].of_critics(2).weights()].iter().any(|&g| g != 0.0));
+        assert!(gradient[first.weights()].iter().any(|&g| g != 0.0));
     }
 }

@@ -3,6 +3,9 @@
 use crate::batch::{ACTIONS, Mirror, width};
 use crate::error::{Result, expect, expect_size};
 use crate::layer::Layer;
+use crate::packed::Shares;
+use std::iter;
+use std::ops::Range;
 
 /// What the update depends on besides parameters and draws.
 #[derive(Debug, Clone)]
@@ -51,6 +54,45 @@ impl Settings {
         self.batch.div_ceil(2).next_multiple_of(SUMMED_TOGETHER).min(self.batch)
     }
 
+    /// Layers of a critic.
+    pub fn critic_layers(&self, critic: usize) -> Vec<Layer> {
+        self.critic.iter().map(|layer| layer.of_critic(critic)).collect()
+    }
+
+    /// Place of W_a of a critic.
+    pub fn action_weights(&self, critic: usize) -> Range<usize> {
+        let size = ACTIONS * self.critic[1].outputs;
+        self.action_weight + critic * size..self.action_weight + (critic + 1) * size
+    }
+
+    /// Where the parameters of a critic lie: its weights and biases, in order.
+    pub fn critic_ranges(&self, critic: usize) -> Vec<Range<usize>> {
+        let layers = self.critic_layers(critic);
+        let mut ranges: Vec<_> = layers.iter().flat_map(|layer| [layer.weights(), layer.biases()]).collect();
+        ranges.push(self.action_weights(critic));
+        ranges.sort_unstable_by_key(|range| range.start);
+        ranges
+    }
+
+    /// The parameters of all critics in order, each with the number of its critic.
+    fn ranges_of_critics(&self) -> Vec<(Range<usize>, usize)> {
+        let of_critic = |critic| self.critic_ranges(critic).into_iter().map(move |range| (range, critic));
+        let mut ranges: Vec<_> = (0..self.critics).flat_map(of_critic).collect();
+        ranges.sort_unstable_by_key(|(range, _)| range.start);
+        ranges
+    }
+
+    /// The critics' packed vector by critics: what lies between two ranges belongs to the one before.
+    pub fn shares_by_critic(&self) -> Shares {
+        let (ranges, mut shares) = (self.ranges_of_critics(), Shares::default());
+        let starts = iter::once(0).chain(ranges[1..].iter().map(|(range, _)| range.start));
+        let ends = ranges[1..].iter().map(|(range, _)| range.start).chain(iter::once(self.sizes[1]));
+        for (start, (end, (_, critic))) in starts.zip(ends.zip(&ranges)) {
+            shares[*critic].push(start..end);
+        }
+        shares
+    }
+
     /// Refuses what cannot be: sizes that do not follow each other, places beyond a vector.
     ///
     /// # Errors
@@ -76,8 +118,12 @@ impl Settings {
         }
         let place = self.action_weight;
         expect("place of W_a", place, place < self.sizes[1], || format!("less than {}", self.sizes[1]))?;
-        let end = place + self.critics * ACTIONS * self.critic[1].outputs;
+        let end = self.action_weights(self.critics - 1).end;
         expect("end of W_a", end, end <= self.sizes[1], || format!("at most {}", self.sizes[1]))?;
+        for pair in self.ranges_of_critics().windows(2) {
+            let (end, next) = (pair[0].0.end, pair[1].0.start);
+            expect("place of some of the critics' parameters", next, next >= end, || format!("at least {end}"))?;
+        }
         self.mirror.as_ref().map_or(Ok(()), |mirror| {
             let width = width(self.inputs());
             expect_size("columns of the mirror", mirror.permutation.len(), width)?;
@@ -105,7 +151,8 @@ pub fn check_layers(name: &str, layers: &[Layer], size: usize, count: usize, out
         }
         let place = layer.weight.max(layer.bias);
         expect(format!("place of a layer of the {name}"), place, place < size, || format!("less than {size}"))?;
-        let end = layer.of_critics(count).weights().end.max(layer.of_critics(count).biases().end);
+        let last = layer.of_critic(count - 1);
+        let end = last.weights().end.max(last.biases().end);
         expect(format!("end of a layer of the {name}"), end, end <= size, || format!("at most {size}"))?;
     }
     Ok(())

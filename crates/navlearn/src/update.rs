@@ -2,17 +2,17 @@
 
 use crate::adam::Vectors;
 use crate::batch::{ACTIONS, width};
-use crate::call::Call;
+use crate::call::{Call, Memory};
 use crate::error::{Error, Result, expect, expect_size};
 use crate::helper::Helper;
 use crate::kernels::product::in_order;
 use crate::kernels::{Isa, all_finite, rows_finite};
-use crate::packed;
-use crate::part::Part;
+use crate::layer::Layer;
+use crate::packed::{self, Shares};
 use crate::real::Real;
 use crate::settings::Settings;
 use crate::team::{Patience, Team};
-use std::sync::{Arc, RwLock};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// A network and its target, which updates change.
@@ -81,10 +81,9 @@ pub struct Updates {
 pub struct Learner<T> {
     settings: Settings,
     isa: Isa,
-    /// Where the second pieces of actor and critics begin.
-    cuts: [usize; 2],
-    /// The whole batch; or its halves, where a second thread may help.
-    parts: Vec<RwLock<Part<T>>>,
+    /// What each of two threads steps of the packed vectors of actor and critics.
+    shares: [Shares; 2],
+    memory: Memory<T>,
     helper: Option<Arc<Helper>>,
     patience: Patience,
 }
@@ -100,11 +99,12 @@ impl<T: Real> Learner<T> {
         let (batch, cut) = (settings.batch, settings.cut());
         let two = threads == 2 && cut < batch;
         let first = if two { cut } else { batch };
-        let rows = [0..first, first..batch].into_iter().filter(|rows| !rows.is_empty());
+        let parts = [0..first, first..batch];
+        let parts = if two { &parts[..] } else { &parts[..1] };
         Ok(Self {
             isa,
-            cuts: if two && in_order(isa) { cuts(&settings) } else { settings.sizes },
-            parts: rows.map(|rows| RwLock::new(Part::new(&settings, rows, isa))).collect(),
+            shares: shares(&settings, two && in_order(isa)),
+            memory: Memory::new(&settings, parts, isa),
             helper: two.then(Helper::new).transpose()?.map(Arc::new),
             patience: Patience::default(),
             settings,
@@ -128,9 +128,9 @@ impl<T: Real> Learner<T> {
     /// index is beyond replay; see [`Error`] for what has changed then.
     pub fn update(&mut self, actor: Trained<'_, T>, critics: Trained<'_, T>, draws: Draws<'_>) -> Result<Updates> {
         self.check(&actor, &critics, draws)?;
-        let Self { settings, isa, cuts, parts, helper, patience, .. } = self;
+        let Self { settings, isa, shares, memory, helper, patience } = self;
         let count = draws.indices.len() / settings.batch;
-        let call = Call::new(settings, *isa, draws, [actor, critics], *cuts, parts);
+        let call = Call::new(settings, *isa, draws, [actor, critics], shares, memory);
         let Some(helper) = helper.as_ref().filter(|helper| !patience.exhausted() && helper.exists()) else {
             let alone = |_, work: &dyn Fn(usize)| [0, 1].into_iter().for_each(work);
             let records = (0..count).map(|update| call.lead(update, alone)).collect::<Result<_>>()?;
@@ -196,11 +196,14 @@ impl<T: Real> Learner<T> {
     }
 }
 
-/// Where the second pieces of the packed vectors of actor and critics begin.
-fn cuts(settings: &Settings) -> [usize; 2] {
-    let networks = [(&settings.actor, 1), (&settings.critic, settings.critics)];
-    let cut = |(layers, count): (&Vec<_>, _), size| packed::cut(&layers[..layers.len() - 1], count, size);
-    [cut(networks[0], settings.sizes[0]), cut(networks[1], settings.sizes[1])]
+/// What each of two threads steps: of two critics one; of one network half, if it may be `cut` within a weight.
+fn shares(settings: &Settings, cut: bool) -> [Shares; 2] {
+    let shares = |layers: &[Layer], size| {
+        if cut { packed::halves(&layers[..layers.len() - 1], size) } else { packed::shares(size, size) }
+    };
+    let critics =
+        if settings.critics == 2 { settings.shares_by_critic() } else { shares(&settings.critic, settings.sizes[1]) };
+    [shares(&settings.actor, settings.sizes[0]), critics]
 }
 
 impl<T> Vectors<'_, T> {
@@ -218,7 +221,6 @@ impl<T> Vectors<'_, T> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::layer::Layer;
 
     const INPUTS: usize = 5;
     const ROWS: usize = 50;
@@ -296,7 +298,8 @@ mod tests {
             let whole = with_threads(1);
             let comes_in = |phase: usize| {
                 state(&settings, COUNT, 2, |learner, networks, draws| {
-                    let call = Call::new(&learner.settings, learner.isa, draws, networks, learner.cuts, &learner.parts);
+                    let Learner { settings, isa, shares, memory, .. } = learner;
+                    let call = Call::new(settings, *isa, draws, networks, shares, memory);
                     let (team, call) = (Team::default(), &call);
                     std::thread::scope(|scope| {
                         let _end = team.until_dropped();
