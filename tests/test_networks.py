@@ -10,7 +10,8 @@ import torch
 
 from navrl.config import NetworksConfig
 from navrl.encoding import Encoding
-from navrl.networks import Actor, TwinCritic, encode_observations, encoded_size, mirror_actions, mirror_encoded
+from navrl.mirror import mirror_actions, mirror_encoded
+from navrl.networks import Actor, TwinCritic, encode_observations, encoded_size
 from navrl.streams import stream
 
 ZERO = NetworksConfig(hidden_sizes=(30, 20), output_scale=0.1)

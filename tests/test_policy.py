@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from navrl import _navsim
 from navrl.config import Config, LidarConfig, NetworksConfig, RobotConfig, WorldConfig
+from navrl.mirror import mirror_actions, mirror_encoded
 from navrl.policy import Policy, PolicyDescription, PolicyError, load_policy, save_policy
 from navrl.policy_description import digest
 
@@ -56,18 +57,15 @@ def random_observations(count: int, bins: int = 20) -> NDArray[np.float32]:
 
 def test_actions_by_hand() -> None:
     """One hidden unit that sees only the goal's distance: 26 inputs, d / 5 - 1 in column 20."""
-    description = described(hidden_sizes=(1,))
     weight = np.zeros((1, 26), np.float32)
     weight[0, 20] = 2.0
-    policy = Policy(
-        {
-            "hidden.0.weight": weight,
-            "hidden.0.bias": np.array([0.5], np.float32),
-            "output.weight": np.array([[1.0], [-1.0]], np.float32),
-            "output.bias": np.array([0.25, 0.0], np.float32),
-        },
-        description,
-    )
+    weights = {
+        "hidden.0.weight": weight,
+        "hidden.0.bias": np.array([0.5], np.float32),
+        "output.weight": np.array([[1.0], [-1.0]], np.float32),
+        "output.bias": np.array([0.25, 0.0], np.float32),
+    }
+    policy = Policy(weights, described(hidden_sizes=(1,), symmetric=False))
     observation = np.ones(24, np.float32)
     observation[20] = 6.0
     # relu(2 (6/5 - 1) + 0.5) = 0.9
@@ -75,6 +73,36 @@ def test_actions_by_hand() -> None:
     observation[20] = 1.0
     # relu(2 (1/5 - 1) + 0.5) = 0
     assert policy.act(observation) == pytest.approx([math.tanh(0.25), 0.0], abs=1e-6)
+
+
+def test_symmetric_actions_by_hand() -> None:
+    """One hidden unit that sees only the rightmost bin: 1 / (range + 0.3) - 1 in column 0."""
+    weight = np.zeros((1, 26), np.float32)
+    weight[0, 0] = 2.0
+    weights = {
+        "hidden.0.weight": weight,
+        "hidden.0.bias": np.array([0.5], np.float32),
+        "output.weight": np.array([[1.0], [-1.0]], np.float32),
+        "output.bias": np.array([0.25, 0.5], np.float32),
+    }
+    policy = Policy(weights, described(hidden_sizes=(1,), symmetric=True))
+    observation = np.full(24, 0.7, np.float32)
+    observation[0], observation[19] = 0.2, 9.7
+    # relu(2 (1/0.5 - 1) + 0.5) = 2.5 and, mirrored, relu(2 (1/10 - 1) + 0.5) = 0: outputs 2.75, -2 and 0.25, 0.5
+    expected = [math.tanh((2.75 + 0.25) / 2), math.tanh((-2.0 - 0.5) / 2)]
+    assert policy.act(observation) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("encoding", ["inverse", "raw"])
+def test_a_symmetric_policy_answers_the_mirrored_way_to_what_is_mirrored(encoding: str) -> None:
+    policy = random_policy(described(encoding=encoding, hidden_sizes=(33, 20), symmetric=True))
+    observations = random_observations(150)
+    mirrored = observations[:, [*range(19, -1, -1), 20, 21, 22, 23]]
+    mirrored[:, [21, 23]] *= -1
+    actions, others = policy.act(observations), policy.act(mirrored)
+    assert np.array_equal(others, actions * np.array([1.0, -1.0], np.float32))
+    plain = random_policy(replace(policy.description, symmetric=False))
+    assert np.abs(plain.act(mirrored) - plain.act(observations) * np.array([1.0, -1.0])).max() > 0.01
 
 
 @pytest.mark.parametrize("encoding", ["inverse", "raw"])
@@ -115,11 +143,15 @@ def test_acting_agrees_with_the_networks_actor() -> None:
     config = NetworksConfig(hidden_sizes=(64, 48))
     actor = Actor(26, config, np.random.default_rng(3))
     weights = {name: tensor.detach().numpy() for name, tensor in actor.named_parameters()}
-    policy = Policy(weights, described(hidden_sizes=(64, 48)))
     observations = random_observations(50)
+    encoded = encode_observations(observations, "inverse")
+    mirror, turn = mirror_encoded(20, "inverse"), mirror_actions()
     with torch.no_grad():
-        expected = actor(torch.from_numpy(encode_observations(observations, "inverse"))).numpy()
-    np.testing.assert_allclose(policy.act(observations), expected, atol=1e-5)
+        outputs = actor.pre_tanh(torch.from_numpy(encoded)).numpy()
+        others = actor.pre_tanh(torch.from_numpy(encoded[:, mirror.permutation] * mirror.signs)).numpy()
+    for symmetric, expected in ((False, outputs), (True, (outputs + others * turn.signs) / 2)):
+        policy = Policy(weights, described(hidden_sizes=(64, 48), symmetric=symmetric))
+        np.testing.assert_allclose(policy.act(observations), np.tanh(expected), atol=1e-5)
 
 
 def test_shapes_of_actions() -> None:
@@ -387,7 +419,7 @@ def test_a_description_keeps_the_faults_of_lidar_and_robot(tmp_path: Path) -> No
     save_policy(tmp_path, random_policy(description).weights, description)
     sim = load_policy(tmp_path).description.sim_config()
     assert (sim.lidar, sim.robot) == (lidar, robot)
-    # The policy that ships was described before there were faults.
+    # A policy may have been described before there were faults and symmetry.
     sim = load_policy("default").description.sim_config()
     assert (sim.lidar, sim.robot) == (LidarConfig(), RobotConfig())
 

@@ -15,7 +15,7 @@ from navrl.batch import BatchSim
 from navrl.config import Config, LearnerConfig, NetworksConfig, RewardConfig, RobotConfig, SimConfig, TaskConfig
 from navrl.delayed_reward import delayed_reward
 from navrl.encoding import encoded_size
-from navrl.networks import mirror_actions, mirror_encoded
+from navrl.mirror import mirror_actions, mirror_encoded
 from navrl.replay import NonFiniteError, Replay, row_width
 from navrl.streams import stream
 from navrl.target_bounds import most_steps, target_bounds

@@ -134,11 +134,19 @@ class UpdateRecord:
 class Actor:
     """A trained actor; each layer is (inputs, outputs, place of W, place of b) in its parameters (n,) float32.
 
+    With (permutation, signs) of an observation's mirror it answers by tanh of the mean of its outputs for an
+    observation and, mirrored back, for the mirrored one.
+
     Raises:
-        ValueError: Layers that do not follow each other or lie beyond the parameters.
+        ValueError: Layers that do not follow each other or lie beyond the parameters, a mirror of other columns.
     """
 
-    def __new__(cls, places: Sequence[tuple[int, int, int, int]], parameters: NDArray[np.float32]) -> Self: ...
+    def __new__(
+        cls,
+        places: Sequence[tuple[int, int, int, int]],
+        parameters: NDArray[np.float32],
+        mirror: tuple[Sequence[int], Sequence[float]] | None,
+    ) -> Self: ...
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """Actions (n, 2) in [-1, 1] for encoded observations (n, inputs), the same bits for a row in any batch.
 

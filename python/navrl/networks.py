@@ -1,9 +1,8 @@
-"""Actor (equation 8) and critics (equation 7), and the left-right mirror of what they see and do.
+"""Actor (equation 8) and critics (equation 7).
 
     Actor(inputs, config, generator)(encoded (B, inputs)) -> (B, 2) in [-1, 1];  .pre_tanh(encoded) -> (B, 2)
         parameters: hidden.<i>.weight (out, in), hidden.<i>.bias, output.weight (2, in), output.bias
     TwinCritic(inputs, config, generator, num_critics=2)(encoded (B, inputs), actions (B, 2)) -> (num_critics, B)
-    mirror_encoded(bins, encoding) -> Mirror(permutation, signs);  mirror_actions() -> Mirror
 
 What they see is encoded by `navrl.encoding`, whose two functions can be imported from here too.
 """
@@ -12,62 +11,22 @@ from __future__ import annotations
 
 from itertools import pairwise
 from math import sqrt
-from typing import NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from navrl.config import NetworksConfig
-from navrl.encoding import Encoding, encode_observations, encoded_size
+from navrl.encoding import encode_observations, encoded_size
+from navrl.mirror import ACTIONS
 
 __all__ = [
     "ACTIONS",
     "Actor",
-    "Mirror",
     "TwinCritic",
     "encode_observations",
     "encoded_size",
-    "mirror_actions",
-    "mirror_encoded",
 ]
-
-ACTIONS = 2
-"""Numbers in an action: a1 (forward) and a2 (turn), equation 1."""
-
-
-class Mirror(NamedTuple):
-    """A reflection left to right: column j of the mirrored row is `signs[j]` times column `permutation[j]`."""
-
-    permutation: NDArray[np.intp]
-    """(columns,) where each column comes from."""
-    signs: NDArray[np.float32]
-    """(columns,) +1 or -1."""
-
-
-def mirror_encoded(bins: int, encoding: Encoding) -> Mirror:
-    """The mirror of an encoded observation: bins reversed; goal angle and previous omega negated.
-
-    Args:
-        bins: Bins of the lidar, whose beams must lie symmetrically about the robot's x axis.
-        encoding: "inverse" or "raw".
-
-    Returns:
-        The mirror of `encoded_size(bins, encoding)` columns.
-    """
-    columns = encoded_size(bins, encoding)
-    permutation = np.arange(columns)
-    permutation[:bins] = permutation[:bins][::-1]
-    signs = np.ones(columns, np.float32)
-    # The angle itself ("raw") or its sine ("inverse") follows the distance; the previous omega comes last.
-    signs[[bins + 1, columns - 1]] = -1.0
-    return Mirror(permutation, signs)
-
-
-def mirror_actions() -> Mirror:
-    """The mirror of an action: a2, the turn, negated."""
-    return Mirror(np.arange(ACTIONS), np.array([1.0, -1.0], np.float32))
 
 
 class Actor(nn.Module):

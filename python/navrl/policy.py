@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from navrl import _navsim
 from navrl.durable import sync_folder, write_file
 from navrl.encoding import GOAL_AND_COMMAND, encode_observations
+from navrl.mirror import mirror_encoded
 from navrl.policy_description import SCHEMA, PolicyDescription, PolicyError, digest
 from navrl.rebin import matches, pool_scan
 
@@ -64,7 +65,10 @@ class Policy:
             self._layers.append((weight.copy(), bias.copy()))
             places.append((inputs, outputs, end, end + weight.size))
             end += weight.size + bias.size
-        self._actor = _navsim.Actor(places, np.concatenate([part.ravel() for layer in self._layers for part in layer]))
+        mirror = mirror_encoded(description.bins, description.encoding) if description.symmetric else None
+        reflection = mirror and (mirror.permutation.tolist(), mirror.signs.tolist())
+        packed = np.concatenate([part.ravel() for layer in self._layers for part in layer])
+        self._actor = _navsim.Actor(places, packed, reflection)
 
     @property
     def weights(self) -> dict[str, NDArray[np.float32]]:
@@ -97,7 +101,7 @@ class Policy:
             bad = np.argwhere(~np.isfinite(np.atleast_2d(rows)))
             if len(bad):
                 raise ValueError(f"observations: row {bad[0][0]}, column {bad[0][1]} is not a finite number")
-        # Eq. 8: inputs - hidden relu - ... - 2 tanh
+        # Eq. 8: inputs - hidden relu - ... - 2 tanh, of both sides where the policy is symmetric
         encoded = encode_observations(np.atleast_2d(rows), self.description.encoding)
         return self._actor.act(np.ascontiguousarray(encoded)).reshape(*rows.shape[:-1], 2)
 

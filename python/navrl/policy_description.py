@@ -23,7 +23,7 @@ SCHEMA = 1
 ROBOT_KEYS = ("v_max", "omega_max", "acceleration_max", "angular_acceleration_max")
 ROBOT_FAULTS = ("delay_steps", "odometry_noise")
 LIDAR_FAULTS = ("noise_per_meter", "resolution", "drop_probability")
-"""Keys that policies of a robot and a lidar without these faults may lack."""
+"""Keys that policies of a robot and a lidar without these faults may lack, as older ones may lack "symmetric"."""
 LIDAR_KEYS = ("beams", "bins", "fov", "range_min", "range_max", "noise", *LIDAR_FAULTS)
 TASK_KEYS = ("goal_radius", "collision", "sensor_range")
 SIZES = {"disc": ("radius",), "rectangle": ("length", "width")}
@@ -88,6 +88,8 @@ class PolicyDescription:
     """Control periods by which a command acts late."""
     odometry_noise: float = 0.0
     """Standard deviation of the scale errors of the odometry from which the goal is seen."""
+    symmetric: bool = False
+    """Whether it answers by the mean, before the tanh, of its outputs for an observation and for the mirrored one."""
 
     def __post_init__(self) -> None:
         """Refuses what no robot can have.
@@ -126,6 +128,7 @@ class PolicyDescription:
         return cls(
             encoding=config.networks.encoding,
             hidden_sizes=tuple(config.networks.hidden_sizes),
+            symmetric=config.learner.mirror,
             mount=(x, y, yaw),
             period_s=task.period,
             time_limit_s=task.time_limit,
@@ -216,7 +219,7 @@ class PolicyDescription:
         """
         fields = {field.name for field in dataclasses.fields(cls)}
         given = set(record) - {"schema", "navrl", "actor_sha256", "sha256"}
-        wrong = (fields ^ given) - ({*ROBOT_FAULTS, *LIDAR_FAULTS} - given)
+        wrong = (fields ^ given) - ({*ROBOT_FAULTS, *LIDAR_FAULTS, "symmetric"} - given)
         if wrong:
             raise ValueError(f"keys missing or unknown: {', '.join(sorted(wrong))}")
         values: dict[str, Any] = {

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from navrl.config import LearnerConfig
 from navrl.delayed_reward import delayed_returns
-from navrl.networks import ACTIONS
+from navrl.mirror import ACTIONS
 
 GOAL = 1
 """`outcome` of a step that reached the goal."""

@@ -30,9 +30,11 @@ from torch import Tensor, nn
 
 from navrl._navsim import UpdateRecord
 from navrl.config import Config, NetworksConfig
+from navrl.encoding import encoded_size
 from navrl.gradients import ActorPass, CriticPass, pack, unpack
+from navrl.mirror import ACTIONS, mirror_actions, mirror_encoded
 from navrl.native import Draws, NativeLearner, Trained, kernel_of, learn_threads
-from navrl.networks import ACTIONS, Actor, TwinCritic, encoded_size, mirror_actions, mirror_encoded
+from navrl.networks import Actor, TwinCritic
 from navrl.replay import Arrays, NonFiniteError, Replay, row_width
 from navrl.streams import restore_stream, stream, stream_state
 from navrl.target_bounds import target_bounds

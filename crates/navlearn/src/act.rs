@@ -1,6 +1,6 @@
 //! The actor asked about many observations at once.
 
-use crate::batch::ACTIONS;
+use crate::batch::{ACTIONS, Mirror};
 use crate::error::{Result, expect, expect_size};
 use crate::kernels::Isa;
 use crate::layer::Layer;
@@ -18,20 +18,26 @@ pub struct Acting<T> {
     actor: Actor<T>,
     /// (inputs, ROWS).
     observations: Vec<T>,
+    /// The mirror of an observation, if answers are symmetric; and the same observations, mirrored.
+    mirror: Option<(Mirror, Vec<T>)>,
     /// Numbers in the actor's packed vector.
     size: usize,
 }
 
 impl<T: Real> Acting<T> {
-    /// Memory for an actor with these layers, hidden ones and the output, in its packed vector of `size` numbers.
+    /// Memory for an actor with these layers, hidden ones and the output, in its packed vector of `size` numbers. With
+    /// the mirror of an observation its answers are symmetric: tanh of half the sum of its outputs for an observation
+    /// and, mirrored back, for the mirrored one.
     ///
     /// # Errors
-    /// Layers that do not follow each other or lie beyond the vector.
-    pub fn new(layers: &[Layer], size: usize, isa: Isa) -> Result<Self> {
+    /// Layers that do not follow each other or lie beyond the vector, a mirror of other columns.
+    pub fn new(layers: &[Layer], size: usize, mirror: Option<Mirror>, isa: Isa) -> Result<Self> {
         expect("layers of the actor", layers.len(), layers.len() >= 2, || "at least 2".into())?;
         check_layers("actor", layers, size, 1, ACTIONS)?;
         let observations = vec![T::ZERO; layers[0].inputs * ROWS];
-        Ok(Self { actor: Actor::new(layers, [ROWS; 2], isa), observations, size })
+        mirror.iter().try_for_each(|mirror| mirror.check(layers[0].inputs))?;
+        let mirror = mirror.map(|mirror| (mirror, observations.clone()));
+        Ok(Self { actor: Actor::new(layers, [ROWS; 2], isa), observations, mirror, size })
     }
 
     /// Numbers in an observation.
@@ -55,7 +61,7 @@ impl<T: Real> Acting<T> {
                     *number = T::of(f64::from(x));
                 }
             }
-            self.actor.forward(Packed::new(&[(0, parameters)]), &self.observations);
+            self.forward(Packed::new(&[(0, parameters)]));
             let (forward, turn) = self.actor.outputs.split_at(ROWS);
             for (action, (v, omega)) in actions.chunks_exact_mut(ACTIONS).zip(forward.iter().zip(turn)) {
                 // Eq. 8: mu(s) = tanh of the output layer
@@ -63,5 +69,29 @@ impl<T: Real> Acting<T> {
             }
         }
         Ok(())
+    }
+
+    /// Sets the actor's outputs for the present observations.
+    fn forward(&mut self, parameters: Packed<'_, T>) {
+        let Self { actor, observations, mirror, .. } = self;
+        let Some((mirror, mirrored)) = mirror else {
+            return actor.forward(parameters, observations);
+        };
+        for ((row, &from), &sign) in mirrored.chunks_exact_mut(ROWS).zip(&mirror.permutation).zip(&mirror.signs) {
+            for (number, &x) in row.iter_mut().zip(&observations[from * ROWS..]) {
+                *number = T::of(f64::from(sign)) * x;
+            }
+        }
+        actor.forward(parameters, mirrored);
+        mirrored[..ACTIONS * ROWS].copy_from_slice(&actor.outputs);
+        actor.forward(parameters, observations);
+        // A mirrored action turns the other way.
+        let signs = [T::ONE, -T::ONE];
+        let rows = actor.outputs.chunks_exact_mut(ROWS).zip(mirrored.chunks_exact(ROWS));
+        for ((outputs, others), sign) in rows.zip(signs) {
+            for (z, &other) in outputs.iter_mut().zip(others) {
+                *z = (*z + sign * other) * T::of(0.5);
+            }
+        }
     }
 }

@@ -1,18 +1,33 @@
 //! A batch: rows of replay, drawn by index, with one column for each row drawn.
 
+use crate::error::{Result, expect, expect_size};
 use crate::kernels::matrix::{Matrix, transpose};
 use crate::real::Real;
 
 /// Numbers in an action: forward and turn (equation 1).
 pub const ACTIONS: usize = 2;
 
-/// The left-right mirror of a row of replay: column j becomes `signs[j]` times column `permutation[j]`.
+/// The left-right mirror of a row of replay, or of an observation: column j becomes `signs[j]` times column
+/// `permutation[j]`.
 #[derive(Debug, Clone)]
 pub struct Mirror {
     /// (width) where each column comes from.
     pub permutation: Vec<usize>,
     /// (width) +1 or -1.
     pub signs: Vec<f32>,
+}
+
+impl Mirror {
+    /// Refuses one for rows of another width.
+    ///
+    /// # Errors
+    /// Names what does not fit.
+    pub fn check(&self, width: usize) -> Result<()> {
+        expect_size("columns of the mirror", self.permutation.len(), width)?;
+        expect_size("signs of the mirror", self.signs.len(), width)?;
+        let farthest = self.permutation.iter().copied().max().unwrap_or_default();
+        expect("a column of the mirror", farthest, farthest < width, || format!("less than {width}"))
+    }
 }
 
 /// The rows of one update.

@@ -124,13 +124,7 @@ impl Settings {
             let (end, next) = (pair[0].0.end, pair[1].0.start);
             expect("place of some of the critics' parameters", next, next >= end, || format!("at least {end}"))?;
         }
-        self.mirror.as_ref().map_or(Ok(()), |mirror| {
-            let width = width(self.inputs());
-            expect_size("columns of the mirror", mirror.permutation.len(), width)?;
-            expect_size("signs of the mirror", mirror.signs.len(), width)?;
-            let farthest = mirror.permutation.iter().copied().max().unwrap_or_default();
-            expect("a column of the mirror", farthest, farthest < width, || format!("less than {width}"))
-        })
+        self.mirror.as_ref().map_or(Ok(()), |mirror| mirror.check(width(self.inputs())))
     }
 }
 

@@ -1,7 +1,7 @@
 //! An actor's answers for Python.
 
 use crate::arguments::refusal;
-use crate::learner::{Place, layers, numbers, stopped};
+use crate::learner::{Place, Reflection, layers, numbers, reflection, stopped};
 use navlearn::{ACTIONS, Acting, Isa, Result};
 use numpy::{PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
@@ -19,10 +19,11 @@ pub struct Actor {
 #[pymethods]
 impl Actor {
     #[new]
-    fn new(places: Vec<Place>, parameters: PyReadonlyArray1<'_, f32>) -> PyResult<Self> {
+    #[pyo3(signature = (places, parameters, mirror))]
+    fn new(places: Vec<Place>, parameters: PyReadonlyArray1<'_, f32>, mirror: Option<Reflection>) -> PyResult<Self> {
         let parameters = numbers("parameters", &parameters)?.to_vec();
         let isa = Isa::current().map_err(refusal)?;
-        let acting = Acting::new(&layers(places), parameters.len(), isa).map_err(stopped)?;
+        let acting = Acting::new(&layers(places), parameters.len(), mirror.map(reflection), isa).map_err(stopped)?;
         Ok(Self { inputs: acting.inputs(), parameters, acting: Mutex::new(acting) })
     }
 

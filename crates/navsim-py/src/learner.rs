@@ -46,7 +46,7 @@ struct Both<T> {
 
 impl<T: Real> Both<T> {
     fn new(settings: Settings, threads: usize, isa: Isa) -> Result<Self> {
-        let acting = Acting::new(&settings.actor, settings.sizes[0], isa)?;
+        let acting = Acting::new(&settings.actor, settings.sizes[0], None, isa)?;
         Ok(Self { updates: Mutex::new(navlearn::Learner::new(settings, threads, isa)?), acting: Mutex::new(acting) })
     }
 }
@@ -64,6 +64,13 @@ pub(crate) type Place = (usize, usize, usize, usize);
 
 pub(crate) fn layers(places: Vec<Place>) -> Vec<Layer> {
     places.into_iter().map(|(inputs, outputs, weight, bias)| Layer { inputs, outputs, weight, bias }).collect()
+}
+
+/// (permutation, signs) of a mirror.
+pub(crate) type Reflection = (Vec<usize>, Vec<f32>);
+
+pub(crate) fn reflection((permutation, signs): Reflection) -> Mirror {
+    Mirror { permutation, signs }
 }
 
 /// The Python exception of a refusal: ValueError for sizes, ArithmeticError for NaN and infinity.
@@ -185,11 +192,11 @@ impl Learner {
         pretanh_penalty: f64,
         bounds: [f64; 2],
         frozen_combined: bool,
-        mirror: Option<(Vec<usize>, Vec<f32>)>,
+        mirror: Option<Reflection>,
         threads: usize,
     ) -> PyResult<Self> {
         let (actor, critic) = (layers(actor), layers(critic));
-        let mirror = mirror.map(|(permutation, signs)| Mirror { permutation, signs });
+        let mirror = mirror.map(reflection);
         let settings = Settings {
             actor,
             critic,

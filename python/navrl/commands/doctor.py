@@ -5,6 +5,7 @@ import tempfile
 import time
 from argparse import Namespace
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -162,7 +163,9 @@ def _act() -> str:
 
     config = Config()
     learner, _ = _learner(config)
-    policy = Policy(learner.policy_weights(), PolicyDescription.from_config(config))
+    # The learner's actor answers one-sided.
+    description = replace(PolicyDescription.from_config(config), symmetric=False)
+    policy = Policy(learner.policy_weights(), description)
     bins = config.lidar.bins
     observations = np.random.Generator(np.random.Philox(1)).uniform(0, 1, (8, bins + 4)).astype(np.float32)
     expected = learner.act(encode_observations(observations, config.networks.encoding))

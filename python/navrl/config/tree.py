@@ -211,7 +211,8 @@ class LearnerConfig:
     pretanh_penalty: Annotated[float, Field(ge=0, le=1000)] = 0.003
     """Weight in the actor's loss of the mean squared input of its tanh, against saturation; 0 turns it off."""
     mirror: bool = True
-    """Whether half of the sampled rows are mirrored left to right (data augmentation, section I)."""
+    """Whether half of the sampled rows are mirrored left to right (data augmentation, section I), and the policy takes
+    the mean of what its actor answers to an observation and to the mirrored one."""
     averaging_rate: _Fraction = 0.005
     """The policy is an average of the actor that takes this share per vector step; 0: the policy is the actor."""
     clip_targets: bool = False
