@@ -7,12 +7,12 @@
 //!
 //! * `update`: [`Learner`], which checks what comes and makes updates in one thread or two.
 //! * `call`: the phases of an update, each in two halves; `helper`: a second thread, `team`: how two threads meet.
-//! * `part`: what is computed from some rows of a batch or all: targets (equation 9), losses and gradients.
+//! * `part`: what actor and critics make of some rows of a batch or all: targets (equation 9), losses and gradients.
 //! * `batch`: rows of replay, drawn by index, mirrored where told, laid out for the networks.
 //! * `network`: the actor (equation 8) and the critics (equation 7), forward and back; a `layer` is one dense layer of
 //!   them in its place in the `packed` parameters.
 //! * `adam`: one step over a packed vector, with the targets' soft update (equation 10) in the same pass.
-//! * `act`: the actor's actions for many observations.
+//! * `act`: the actor's actions for many observations, asked from one side or both.
 //! * `settings`: sizes and options of an update, checked.
 //! * `kernels`: matrix products and loops over slices, chosen for the processor; `real`: f32 and f64.
 //!
@@ -24,7 +24,8 @@
 //! they are the same. Where there is neither, or `NAVRL_ISA` forbids both, products round otherwise.
 //!
 //! Threads: two halves of a batch give the same bits as the whole, for every sum over its rows is made in two parts
-//! (`part`). What two threads write is theirs by a lock that nobody else wants at that time.
+//! (`part`). Of two critics each thread takes one for all rows. What two threads write is theirs by a lock that nobody else
+//! wants at that time.
 
 #![deny(unsafe_code)]
 
