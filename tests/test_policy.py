@@ -55,17 +55,22 @@ def random_observations(count: int, bins: int = 20) -> NDArray[np.float32]:
 # Acting
 
 
-def test_actions_by_hand() -> None:
-    """One hidden unit that sees only the goal's distance: 26 inputs, d / 5 - 1 in column 20."""
+def one_unit(column: int, *, turn_bias: float, symmetric: bool) -> Policy:
+    """u = relu(2 x + 0.5) of one of 26 inputs; u + 0.25 and -u + turn_bias go into the tanh."""
     weight = np.zeros((1, 26), np.float32)
-    weight[0, 20] = 2.0
+    weight[0, column] = 2.0
     weights = {
         "hidden.0.weight": weight,
         "hidden.0.bias": np.array([0.5], np.float32),
         "output.weight": np.array([[1.0], [-1.0]], np.float32),
-        "output.bias": np.array([0.25, 0.0], np.float32),
+        "output.bias": np.array([0.25, turn_bias], np.float32),
     }
-    policy = Policy(weights, described(hidden_sizes=(1,), symmetric=False))
+    return Policy(weights, described(hidden_sizes=(1,), symmetric=symmetric))
+
+
+def test_actions_by_hand() -> None:
+    """One hidden unit that sees only the goal's distance: d / 5 - 1 in column 20."""
+    policy = one_unit(20, turn_bias=0.0, symmetric=False)
     observation = np.ones(24, np.float32)
     observation[20] = 6.0
     # relu(2 (6/5 - 1) + 0.5) = 0.9
@@ -77,15 +82,7 @@ def test_actions_by_hand() -> None:
 
 def test_symmetric_actions_by_hand() -> None:
     """One hidden unit that sees only the rightmost bin: 1 / (range + 0.3) - 1 in column 0."""
-    weight = np.zeros((1, 26), np.float32)
-    weight[0, 0] = 2.0
-    weights = {
-        "hidden.0.weight": weight,
-        "hidden.0.bias": np.array([0.5], np.float32),
-        "output.weight": np.array([[1.0], [-1.0]], np.float32),
-        "output.bias": np.array([0.25, 0.5], np.float32),
-    }
-    policy = Policy(weights, described(hidden_sizes=(1,), symmetric=True))
+    policy = one_unit(0, turn_bias=0.5, symmetric=True)
     observation = np.full(24, 0.7, np.float32)
     observation[0], observation[19] = 0.2, 9.7
     # relu(2 (1/0.5 - 1) + 0.5) = 2.5 and, mirrored, relu(2 (1/10 - 1) + 0.5) = 0: outputs 2.75, -2 and 0.25, 0.5

@@ -104,7 +104,7 @@ class Training:
         run.learner.set_progress(run.plan.share(counts.steps, run.metrics.episodes))
 
     def _drive(self) -> NDArray[np.float32]:
-        """Lets the robots act and step; returns what they met as rows of replay (n, width). Updates share nothing."""
+        """Lets the robots act and step; returns rows of replay (n, width). It touches nothing that updates use."""
         run, sim = self.run, self.run.sim
         actions = run.exploration.explore(run.learner.act(run.encoded), sim.observations, run.counts.steps)
         run.drive(actions)

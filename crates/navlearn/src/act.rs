@@ -83,11 +83,11 @@ impl<T: Real> Acting<T> {
             }
         }
         actor.forward(parameters, mirrored);
-        mirrored[..ACTIONS * ROWS].copy_from_slice(&actor.outputs);
+        let others = actor.outputs.clone();
         actor.forward(parameters, observations);
         // A mirrored action turns the other way.
         let signs = [T::ONE, -T::ONE];
-        let rows = actor.outputs.chunks_exact_mut(ROWS).zip(mirrored.chunks_exact(ROWS));
+        let rows = actor.outputs.chunks_exact_mut(ROWS).zip(others.chunks_exact(ROWS));
         for ((outputs, others), sign) in rows.zip(signs) {
             for (z, &other) in outputs.iter_mut().zip(others) {
                 *z = (*z + sign * other) * T::of(0.5);
