@@ -1,5 +1,6 @@
 //! The actor asked about many observations at once.
 
+use crate::aligned::Aligned;
 use crate::batch::{ACTIONS, Mirror};
 use crate::error::{Result, expect, expect_size};
 use crate::kernels::Isa;
@@ -17,9 +18,9 @@ const ROWS: usize = 64;
 pub struct Acting<T> {
     actor: Actor<T>,
     /// (inputs, ROWS).
-    observations: Vec<T>,
+    observations: Aligned<T>,
     /// The mirror of an observation, if answers are symmetric; and the same observations, mirrored.
-    mirror: Option<(Mirror, Vec<T>)>,
+    mirror: Option<(Mirror, Aligned<T>)>,
     /// Numbers in the actor's packed vector.
     size: usize,
 }
@@ -34,10 +35,10 @@ impl<T: Real> Acting<T> {
     pub fn new(layers: &[Layer], size: usize, mirror: Option<Mirror>, isa: Isa) -> Result<Self> {
         expect("layers of the actor", layers.len(), layers.len() >= 2, || "at least 2".into())?;
         check_layers("actor", layers, size, 1, ACTIONS)?;
-        let observations = vec![T::ZERO; layers[0].inputs * ROWS];
+        let observations = || Aligned::zeros(layers[0].inputs * ROWS);
         mirror.iter().try_for_each(|mirror| mirror.check(layers[0].inputs))?;
-        let mirror = mirror.map(|mirror| (mirror, observations.clone()));
-        Ok(Self { actor: Actor::new(layers, [ROWS; 2], isa), observations, mirror, size })
+        let mirror = mirror.map(|mirror| (mirror, observations()));
+        Ok(Self { actor: Actor::new(layers, [ROWS; 2], isa), observations: observations(), mirror, size })
     }
 
     /// Numbers in an observation.

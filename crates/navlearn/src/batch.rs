@@ -1,5 +1,6 @@
 //! A batch: rows of replay, drawn by index, with one column for each row drawn.
 
+use crate::aligned::Aligned;
 use crate::error::{Result, expect, expect_size};
 use crate::kernels::matrix::{Matrix, transpose};
 use crate::real::Real;
@@ -34,9 +35,9 @@ impl Mirror {
 #[derive(Debug)]
 pub struct Batch<T> {
     /// (size, width): observation, action, successor, return R, bootstrap factor.
-    rows: Vec<T>,
+    rows: Aligned<T>,
     /// (width, size) the same.
-    columns: Vec<T>,
+    columns: Aligned<T>,
     inputs: usize,
     size: usize,
 }
@@ -44,7 +45,7 @@ pub struct Batch<T> {
 impl<T: Real> Batch<T> {
     /// Memory for `size` rows with observations of `inputs` numbers.
     pub fn new(inputs: usize, size: usize) -> Self {
-        let memory = || vec![T::ZERO; width(inputs) * size];
+        let memory = || Aligned::zeros(width(inputs) * size);
         Self { rows: memory(), columns: memory(), inputs, size }
     }
 

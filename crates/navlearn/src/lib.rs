@@ -14,7 +14,7 @@
 //! * `adam`: one step over a packed vector, with the targets' soft update (equation 10) in the same pass.
 //! * `act`: the actor's actions for many observations, asked from one side or both.
 //! * `settings`: sizes and options of an update, checked.
-//! * `kernels`: matrix products and loops over slices, chosen for the processor; `real`: f32 and f64.
+//! * `kernels`: matrix products and loops over slices, chosen for the processor; `real`: f32 and f64; `aligned`: memory.
 //!
 //! Every matrix is stored by rows with the batch along the columns: a layer's output is (units, batch), its weight
 //! (outputs, inputs), and so it computes Y = relu(W X + b).
@@ -31,6 +31,7 @@
 
 mod act;
 mod adam;
+mod aligned;
 mod batch;
 mod call;
 mod error;

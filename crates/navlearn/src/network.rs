@@ -3,6 +3,7 @@
 //! A network here is sizes and memory for one batch; parameters are passed in, so that the same memory serves the
 //! networks and their targets in turn. `backward` needs the `forward` before it.
 
+use crate::aligned::Aligned;
 use crate::batch::ACTIONS;
 use crate::kernels::matrix::{Matrix, transpose};
 use crate::kernels::{Isa, combined_relu, narrow, narrow_inputs, narrow_weights};
@@ -18,20 +19,20 @@ struct Memory<T> {
     sizes: [usize; 2],
     isa: Isa,
     /// y of each hidden layer (units, batch).
-    values: Vec<Vec<T>>,
+    values: Vec<Aligned<T>>,
     /// dL/dy of each.
-    uppers: Vec<Vec<T>>,
+    uppers: Vec<Aligned<T>>,
     /// Room for y^T (batch, units) of one layer.
-    turned: Vec<T>,
+    turned: Aligned<T>,
 }
 
 impl<T: Real> Memory<T> {
     /// For layers of such sizes.
     fn new(hidden: &[Layer], sizes: [usize; 2], isa: Isa) -> Self {
-        let sized = |layer: &Layer| vec![T::ZERO; layer.outputs * sizes[0]];
+        let sized = |layer: &Layer| Aligned::zeros(layer.outputs * sizes[0]);
         let memory = || hidden.iter().map(sized).collect();
         let largest = hidden.iter().map(|layer| layer.outputs).max().unwrap_or_default();
-        Self { sizes, isa, values: memory(), uppers: memory(), turned: vec![T::ZERO; largest * sizes[0]] }
+        Self { sizes, isa, values: memory(), uppers: memory(), turned: Aligned::zeros(largest * sizes[0]) }
     }
 }
 
@@ -59,10 +60,10 @@ impl<T: Real> Actor<T> {
         let Memory { sizes: [batch, _], isa, ref mut values, .. } = self.memory;
         for (i, layer) in self.hidden.iter().enumerate() {
             let (below, values) = values.split_at_mut(i);
-            let inputs = below.last().map_or(observations, Vec::as_slice);
+            let inputs = below.last().map_or(observations, |values| values);
             layer.forward(isa, parameters, inputs, &mut values[0], batch);
         }
-        let inputs = values.last().map_or(observations, Vec::as_slice);
+        let inputs = values.last().map_or(observations, |values| values);
         let (weight, bias) = (parameters.at(self.output.weights()), parameters.at(self.output.biases()));
         narrow(isa, weight, Some(bias), inputs, &mut self.outputs, batch);
     }
@@ -152,7 +153,7 @@ impl<T: Real> Critic<T> {
         let (output, hidden) = (self.layers[self.layers.len() - 1], &self.layers[..self.layers.len() - 1]);
         for (i, layer) in hidden.iter().enumerate() {
             let (below, above) = values.split_at_mut(i);
-            let (inputs, values) = (below.last().map_or(observations, Vec::as_slice), &mut above[0]);
+            let (inputs, values) = (below.last().map_or(observations, |values| values), &mut above[0]);
             if i == 1 {
                 // Eq. 7: l_c = relu(l_s W_s + a W_a + b)
                 layer.product(isa, parameters, inputs, values, batch);

@@ -3,6 +3,7 @@
 //! Whatever is summed over the rows of a batch is summed over its first rows, up to a fixed place in the middle, and
 //! over the others, and then added: so that two parts give the same bits as the whole.
 
+use crate::aligned::Aligned;
 use crate::batch::{ACTIONS, Batch};
 use crate::kernels::{Isa, all_bounded};
 use crate::network::{Actor, Critic};
@@ -72,7 +73,7 @@ pub struct Part<T> {
     actions: Vec<T>,
     action_upper: Vec<T>,
     /// Gradient of the actor's packed vector, without the other rows' share.
-    pub gradient: Vec<T>,
+    pub gradient: Aligned<T>,
     /// What it tells, in two parts.
     pub sums: [ActorSums; 2],
     /// Whether it is so small that its sum with another one is finite.
@@ -90,7 +91,7 @@ pub struct Judgement<T> {
     /// (rows) dL/dQ.
     upper: Vec<T>,
     /// Gradient of the critics' packed vector in the places of this one, without the other rows' share.
-    pub gradient: Vec<T>,
+    pub gradient: Aligned<T>,
     /// What it tells, in two parts.
     pub sums: [CriticSums; 2],
     /// Whether it is so small that its sum with another one is finite.
@@ -123,7 +124,7 @@ impl<T: Real> Part<T> {
             cut,
             actions: vec![T::ZERO; ACTIONS * size],
             action_upper: vec![T::ZERO; ACTIONS * size],
-            gradient: vec![T::ZERO; settings.sizes[0]],
+            gradient: Aligned::zeros(settings.sizes[0]),
             sums: [ActorSums::NONE; 2],
             bounded: false,
         }
@@ -191,7 +192,7 @@ impl<T: Real> Judgement<T> {
             cut,
             ranges: settings.critic_ranges(critic),
             upper: vec![T::ZERO; size],
-            gradient: vec![T::ZERO; settings.sizes[1]],
+            gradient: Aligned::zeros(settings.sizes[1]),
             sums: [CriticSums::NONE; 2],
             bounded: false,
         }
