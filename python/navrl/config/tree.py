@@ -277,7 +277,7 @@ class TrainingConfig:
     updates_per_step: Annotated[float, Field(gt=0, le=10000)] = 4.67
     """"interleaved": updates per vector step; fractions add up."""
     until: Annotated[float, Field(ge=0, lt=1)] = 0.0
-    """Stop once a validation's success rate reaches this; 0 turns it off."""
+    """Stop once two validations in a row reach this success rate; 0 turns it off."""
 
 
 @one_line
