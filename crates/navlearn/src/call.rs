@@ -135,12 +135,20 @@ impl<'a, T: Real> Network<'a, T> {
 
 type Pieces<'a, T> = Vec<(usize, &'a [T])>;
 
+/// Of both shares the vectors that `which` picks, piece by piece.
+fn pieces<'a, T>(
+    shares: &'a [RwLockReadGuard<'_, Share<'_, T>>; 2],
+    which: impl Fn(&'a Vectors<'_, T>) -> &'a [T],
+) -> Pieces<'a, T> {
+    shares.iter().flat_map(|share| share.iter()).map(|(place, vectors)| (*place, which(vectors))).collect()
+}
+
 fn parameters<'a, T>(shares: &'a [RwLockReadGuard<'_, Share<'_, T>>; 2]) -> Pieces<'a, T> {
-    shares.iter().flat_map(|share| share.iter()).map(|(place, vectors)| (*place, &*vectors.parameters)).collect()
+    pieces(shares, |vectors| vectors.parameters)
 }
 
 fn targets<'a, T>(shares: &'a [RwLockReadGuard<'_, Share<'_, T>>; 2]) -> Pieces<'a, T> {
-    shares.iter().flat_map(|share| share.iter()).map(|(place, vectors)| (*place, &*vectors.targets)).collect()
+    pieces(shares, |vectors| vectors.targets)
 }
 
 impl<'a, T: Real> Call<'a, T> {

@@ -34,17 +34,17 @@ pub struct Learner {
 }
 
 enum Core {
-    Single(Both<f32>),
-    Double(Both<f64>),
+    Single(Kernels<f32>),
+    Double(Kernels<f64>),
 }
 
 /// What makes updates, and what acts: one beside the other, from two threads.
-struct Both<T> {
+struct Kernels<T> {
     updates: Mutex<navlearn::Learner<T>>,
     acting: Mutex<Acting<T>>,
 }
 
-impl<T: Real> Both<T> {
+impl<T: Real> Kernels<T> {
     fn new(settings: Settings, threads: usize, isa: Isa) -> Result<Self> {
         let acting = Acting::new(&settings.actor, settings.sizes[0], None, isa)?;
         Ok(Self { updates: Mutex::new(navlearn::Learner::new(settings, threads, isa)?), acting: Mutex::new(acting) })
@@ -138,7 +138,7 @@ fn trained<'a, T: Element>(
 
 fn update<T: Real + Element>(
     py: Python<'_>,
-    core: &Both<T>,
+    core: &Kernels<T>,
     [actor, critic]: [&Bound<'_, PyAny>; 2],
     rates: [f64; 2],
     steps: [u64; 2],
@@ -163,7 +163,7 @@ impl From<Record> for UpdateRecord {
 
 fn act<'py, T: Real + Element>(
     py: Python<'py>,
-    core: &Both<T>,
+    core: &Kernels<T>,
     actor: &Bound<'py, PyAny>,
     observations: &PyReadonlyArray2<'py, f32>,
 ) -> PyResult<Bound<'py, PyArray2<f32>>> {
@@ -213,13 +213,13 @@ impl Learner {
         };
         let isa = Isa::current().map_err(refusal)?;
         let core = if double {
-            Core::Double(Both::new(settings, threads, isa).map_err(stopped)?)
+            Core::Double(Kernels::new(settings, threads, isa).map_err(stopped)?)
         } else {
-            Core::Single(Both::new(settings, threads, isa).map_err(stopped)?)
+            Core::Single(Kernels::new(settings, threads, isa).map_err(stopped)?)
         };
         let helper = match &core {
-            Core::Single(both) => lock(&both.updates).helper(),
-            Core::Double(both) => lock(&both.updates).helper(),
+            Core::Single(kernels) => lock(&kernels.updates).helper(),
+            Core::Double(kernels) => lock(&kernels.updates).helper(),
         };
         Ok(Self { core, helper })
     }

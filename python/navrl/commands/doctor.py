@@ -156,6 +156,8 @@ def _checkpoint() -> str:
 
 
 def _act() -> str:
+    import torch
+
     from navrl.config import Config
     from navrl.encoding import encode_observations
     from navrl.policy import Policy
@@ -163,15 +165,16 @@ def _act() -> str:
 
     config = Config()
     learner, _ = _learner(config)
-    # The learner's actor answers one-sided.
+    # Torch is asked one-sided.
     description = replace(PolicyDescription.from_config(config), symmetric=False)
     policy = Policy(learner.policy_weights(), description)
     bins = config.lidar.bins
     observations = np.random.Generator(np.random.Philox(1)).uniform(0, 1, (8, bins + 4)).astype(np.float32)
-    expected = learner.act(encode_observations(observations, config.networks.encoding))
-    if not np.allclose(policy.act(observations), expected, atol=1e-5):
-        raise ArithmeticError("numpy and torch compute different actions")
-    return "numpy computes torch's actions"
+    with torch.no_grad():
+        expected = learner.policy(torch.from_numpy(encode_observations(observations, config.networks.encoding)))
+    if not np.allclose(policy.act(observations), expected.numpy(), atol=1e-5):
+        raise ArithmeticError("the native kernel and torch compute different actions")
+    return "the native kernel computes torch's actions"
 
 
 def _load() -> str:
