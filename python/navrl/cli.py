@@ -202,6 +202,7 @@ def _add_eval(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
     parser.add_argument("policy", metavar="POLICY", help="run folder, policy folder or default")
     _add_scenarios(parser)
     parser.add_argument("--episodes", metavar="N", help="only the first N scenarios")
+    parser.add_argument("--brake", metavar="M", help="slow down for what would come nearer than M metres, as 0.02")
     parser.add_argument("--threads", metavar="N", help="threads (default: all cores); never changes results")
     parser.add_argument("--json", metavar="F", help="write scores and episodes to F")
 

@@ -2,6 +2,7 @@
 
     evaluate(policy, "test") -> Evaluation;  evaluate(policy, scenario_list, sim=..., num_threads=2)
     evaluate(Controller("dwa"), "test");  evaluate(my_controller, "test", sim=SimConfig())
+    evaluate(policy, "test", brake=0.02)        with `navrl.braking` between it and the robot
 
 Training, `navrl eval` and `navrl compare` call it, so that they agree episode by episode. The scenario's place in the
 list names its lidar noise: a result depends neither on threads nor on how many scenarios run beside it.
@@ -20,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from navrl import _navsim
+from navrl import _navsim, braking
 from navrl.batch import BatchSim, Scenario
 from navrl.config import SimConfig
 from navrl.controllers import Command, Commander, Controller, Remembering
@@ -91,6 +92,7 @@ def evaluate(
     *,
     sim: SimConfig | None = None,
     num_threads: int = 0,
+    brake: float | None = None,
 ) -> Evaluation:
     """Runs every scenario of a list exactly once.
 
@@ -99,6 +101,7 @@ def evaluate(
         scenarios: A list, the purpose of a built-in one, or scenarios one by one.
         sim: Robot, lidar and task, and the world of a built-in list; the pilot's if None, for a policy in "td3".
         num_threads: Threads that step the robots, 0 for all cores; they do not change results.
+        brake: Margin (m) of `navrl.braking.brake`, through which the pilot's commands pass; None for as they are.
 
     Returns:
         Scores and episodes.
@@ -107,7 +110,8 @@ def evaluate(
         PolicyError: The pilot is for another robot, lidar or period than `sim` has, or `sim` is missing.
         ScenarioError: There is no such list, it is empty, or the robot cannot run one of its scenarios.
         TypeError: The pilot has neither of the methods `act` and `command`, nor can it be called.
-        ValueError: It returned actions or commands of another shape, or NaN.
+        ValueError: It returned actions or commands of another shape, or NaN; a brake for a robot that is not round,
+            or with a margin out of range.
     """
     own = own_sim(pilot)
     if sim is None:
@@ -116,6 +120,8 @@ def evaluate(
         sim = own
     elif own is not None:
         check_same(own, sim, pilot)
+    if brake is not None:
+        braking.check(sim, brake)
     threads = num_threads or cores()
     if isinstance(scenarios, str):
         scenarios = load_list(sim, scenarios, num_threads=threads)
@@ -123,11 +129,13 @@ def evaluate(
         scenarios = given_list(scenarios, sim, num_threads=threads)
     # A class made from Policy may act otherwise, and need not bear several threads.
     if type(pilot) is Policy:
-        return _in_shares(pilot, scenarios, sim, threads)
-    return measure(driver(pilot, sim), scenarios, sim, num_threads=threads)
+        return _in_shares(pilot, scenarios, sim, threads, brake)
+    return measure(_braked(driver(pilot, sim), sim, brake), scenarios, sim, num_threads=threads)
 
 
-def _in_shares(policy: Policy, scenarios: ScenarioList, sim: SimConfig, threads: int) -> Evaluation:
+def _in_shares(
+    policy: Policy, scenarios: ScenarioList, sim: SimConfig, threads: int, brake: float | None
+) -> Evaluation:
     """Measures a policy on a share of the list in each thread."""
 
     def drive_share(share: NDArray[np.intp]) -> Evaluation:
@@ -140,7 +148,7 @@ def _in_shares(policy: Policy, scenarios: ScenarioList, sim: SimConfig, threads:
         )
         # Threads that ask one and the same policy wait for each other.
         own = Policy(policy.weights, policy.description)
-        return measure(driver(own, sim), kept, sim, num_threads=1, first=first)
+        return measure(_braked(driver(own, sim), sim, brake), kept, sim, num_threads=1, first=first)
 
     shares = np.array_split(np.arange(len(scenarios)), min(threads, len(scenarios)))
     # The limit is the process's: set around all threads, none of them can restore another one's.
@@ -236,6 +244,24 @@ def driver(pilot: Pilot, sim: SimConfig, *, towards: Towards | None = None) -> D
     if not callable(command):
         raise TypeError(f"{type(pilot).__name__}: neither a policy with act nor a controller with command")
     return _by_command(command, sim, towards, with_robots=False)
+
+
+def _braked(drive: Driver, sim: SimConfig, margin: float | None) -> Driver:
+    """The same through the brake, if there is one."""
+    if margin is None:
+        return drive
+    v_max, omega_max = sim.robot.v_max, sim.robot.omega_max
+
+    def drive_braked(simulator: BatchSim, running: NDArray[np.intp]) -> NDArray[np.float32]:
+        actions = np.clip(drive(simulator, running), -1.0, 1.0)
+        # Eq. 6, and back for those alone that are to be slower
+        commands = np.stack([v_max * (actions[:, 0] + 1.0) / 2, omega_max * actions[:, 1]], axis=1)
+        slower = braking.brake(commands, simulator.ranges[running], simulator.velocities[running], sim, margin)
+        rows = slower[:, 0] < commands[:, 0]
+        actions[rows, 0] = 2 * slower[rows, 0] / v_max - 1
+        return actions
+
+    return drive_braked
 
 
 def _observations(simulator: BatchSim, running: NDArray[np.intp], towards: Towards | None) -> NDArray[np.float32]:

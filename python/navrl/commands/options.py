@@ -51,6 +51,21 @@ def whole_number(flag: str, text: str, least: int, most: int) -> int:
     return number
 
 
+def margin(flag: str, text: str) -> float:
+    """Reads a margin in metres.
+
+    Raises:
+        UserError: it is not a number in [0, 1].
+    """
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not 0.0 <= number <= 1.0:
+        raise UserError(f"{flag} {text}: must be a number of metres in [0, 1]")
+    return number
+
+
 def threads(text: str | None) -> int:
     """Number of threads: as given by --threads, or as many as this process has cores."""
     if text is not None:
