@@ -141,13 +141,16 @@ def contend(pipe: Connection, variant: Variant, cores: set[int], seconds: float)
 
 def measure_twins(variant: Variant, *, slices: int, seconds: float) -> None:
     """Prints min / median / max updates per second of two copies together and of two threads, and their ratio."""
-    first, second = sorted(os.sched_getaffinity(0))[:2]
+    cores = sorted(os.sched_getaffinity(0))
+    if len(cores) < 2:
+        raise SystemExit("--twins needs two cores")
+    first, second = cores[:2]
     context = multiprocessing.get_context("spawn")
     pipes, processes = [], []
-    for cores in ({first}, {second}, {first, second}):
+    for own in ({first}, {second}, {first, second}):
         pipe, end = context.Pipe()
         pipes.append(pipe)
-        processes.append(context.Process(target=contend, args=(end, variant, cores, seconds), daemon=True))
+        processes.append(context.Process(target=contend, args=(end, variant, own, seconds), daemon=True))
         processes[-1].start()
         pipe.recv()
     rates = []

@@ -304,13 +304,13 @@ def _in_threads(threads: int, dtype: torch.dtype, networks: object = None, **lea
 def test_same_bits_in_one_thread_and_two(
     dtype: torch.dtype, networks: dict[str, object], learner: dict[str, object], algorithm: str
 ) -> None:
-    """Regrouped, with a second thread that comes and goes, and continued in the other number of threads."""
+    """Regrouped, continued in the other number of threads, and with a second thread that is never given room."""
     one, two = (_in_threads(threads, dtype, networks, algorithm=algorithm, **learner) for threads in (1, 2))
     for count in (40, 1, 60):
         assert one.update(count) == two.update(count)
         assert _bits(one) == _bits(two)
-    two.make_room(False)
     alone = _in_threads(2, dtype, networks, algorithm=algorithm, **learner)
+    alone.set_room(False)
     alone.restore(two.state())
     one, two = _restored(two, one), _restored(one, two)
     for td3 in (one, two, alone):

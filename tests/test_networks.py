@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from navrl.config import NetworksConfig
-from navrl.encoding import Encoding
+from navrl.encoding import Encoding, encode_observations, encoded_size
 from navrl.mirror import mirror_actions, mirror_encoded
-from navrl.networks import Actor, TwinCritic, encode_observations, encoded_size
+from navrl.networks import Actor, TwinCritic
 from navrl.streams import stream
 
 ZERO = NetworksConfig(hidden_sizes=(30, 20), output_scale=0.1)

@@ -135,7 +135,8 @@ def test_threads_can_share_a_policy() -> None:
 
 def test_acting_agrees_with_the_networks_actor() -> None:
     torch = pytest.importorskip("torch")
-    from navrl.networks import Actor, encode_observations
+    from navrl.encoding import encode_observations
+    from navrl.networks import Actor
 
     config = NetworksConfig(hidden_sizes=(64, 48))
     actor = Actor(26, config, np.random.default_rng(3))

@@ -181,7 +181,7 @@ class Learner:
         mirror: tuple[Sequence[int], Sequence[float]] | None,
         threads: int,
     ) -> Self: ...
-    def make_room(self, room: bool) -> None:
+    def set_room(self, room: bool) -> None:
         """Tells, also during updates, whether there is a processor for their second thread; at first there is."""
 
     def update(

@@ -73,7 +73,8 @@ def _points(ranges: NDArray[np.float64], sim: SimConfig) -> NDArray[np.complex12
     lidar, (x, y, yaw) = sim.lidar, sim.lidar.mount
     angles = yaw + lidar.fov * ((np.arange(lidar.beams) + 0.5) / lidar.beams - 0.5)
     seen = np.where(ranges < lidar.range_max, ranges, 1e9)
-    return x + 1j * y + seen * np.exp(1j * angles)
+    points: NDArray[np.complex128] = x + 1j * y + seen * np.exp(1j * angles)
+    return points
 
 
 def _comes_near(
@@ -102,4 +103,5 @@ def _comes_near(
         half = part * turn / 2
         place = part * length * np.sinc(half / np.pi) * np.exp(1j * half)
         nearest = np.minimum(nearest, np.abs(points - place[:, None]).min(axis=1))
-    return (nearest < robot.radius + margin) & (nearest < now)
+    near: NDArray[np.bool_] = (nearest < robot.radius + margin) & (nearest < now)
+    return near

@@ -6,7 +6,7 @@
     NativeLearner(...)
         .update(replay, draws, rates=, updates=) -> a record for each update
         .act(actor, encoded (N, inputs)) -> (N, 2)
-        .make_room(room)                              of a second thread of updates
+        .set_room(room)                              of a second thread of updates
 
 Torch's tensors remain the only copy of parameters and moments: the kernel works in their memory, several updates in
 one call, without the interpreter's lock, in one thread or two with the same bits. Its results differ from torch's by
@@ -16,6 +16,7 @@ rounding alone.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from math import inf
 from typing import Literal
 
@@ -30,6 +31,8 @@ from navrl.machine import cores
 from navrl.networks import Actor, TwinCritic
 from navrl.replay import NonFiniteError
 
+WORK_FOR_TWO = 500_000
+"""Multiplications between hidden layers, for a batch, from which on two threads are faster than one."""
 WORK_PER_CALL = 1_000_000_000
 """Most multiplications of a call, unless one update needs more: some hundredths of a second."""
 
@@ -40,10 +43,16 @@ def kernel_of(config: Config) -> Literal["native", "torch"]:
 
 
 def learn_threads(config: Config) -> int:
-    """Threads of the update: those set, of which the native kernel uses two; by itself two of it and one of torch."""
+    """Threads of the update: as set, at most two with the native kernel.
+
+    By default one with torch and two with that kernel, but one where two would meet too often.
+    """
     if kernel_of(config) == "torch":
         return config.threads.learn or 1
-    return min(config.threads.learn or cores(), 2)
+    hidden, batch = config.networks.hidden_sizes, config.learner.batch_size
+    work = batch * sum(units * above for units, above in pairwise(hidden))
+    own = cores() if work >= WORK_FOR_TWO else 1
+    return min(config.threads.learn or own, 2)
 
 
 @dataclass(frozen=True)
@@ -166,9 +175,9 @@ class NativeLearner:
         self._steps[0][()], self._steps[1][()] = updates // self._policy_delay, updates
         return records
 
-    def make_room(self, room: bool) -> None:
+    def set_room(self, room: bool) -> None:
         """Tells, from any thread, whether there is a processor for a second thread of updates; at first there is."""
-        self._kernel.make_room(room)
+        self._kernel.set_room(room)
 
     def act(self, actor: NDArray[np.floating], encoded: NDArray[np.float32]) -> NDArray[np.float32]:
         """An actor's actions, also beside updates of another one.

@@ -4,7 +4,7 @@
         parameters: hidden.<i>.weight (out, in), hidden.<i>.bias, output.weight (2, in), output.bias
     TwinCritic(inputs, config, generator, num_critics=2)(encoded (B, inputs), actions (B, 2)) -> (num_critics, B)
 
-What they see is encoded by `navrl.encoding`, whose two functions can be imported from here too.
+What they see is encoded by `navrl.encoding`.
 """
 
 from __future__ import annotations
@@ -17,16 +17,9 @@ import torch
 from torch import Tensor, nn
 
 from navrl.config import NetworksConfig
-from navrl.encoding import encode_observations, encoded_size
 from navrl.mirror import ACTIONS
 
-__all__ = [
-    "ACTIONS",
-    "Actor",
-    "TwinCritic",
-    "encode_observations",
-    "encoded_size",
-]
+__all__ = ["Actor", "TwinCritic"]
 
 
 class Actor(nn.Module):

@@ -6,13 +6,13 @@
         .act(encoded (N, inputs)) -> (N, 2)        the actor as it was then, which explores, also beside updates
         .policy -> Actor                           what is evaluated and kept: the averaged actor, or the actor itself
         .policy_weights() -> dict[str, ndarray]    its tensors, copied, by the names of navrl.networks.Actor
-        .make_room(free);  .busy                   of a second thread of updates
+        .set_room(free);  .busy                   of a second thread of updates
         .set_progress(fraction)                    share of the run that is over, for the step sizes
         .state() -> dict[str, ndarray];  .restore(state)
     with flushed_denormals(): ...                  around whatever updates
 
-Determinism: the bits depend on the calls, the processor model, the builds and the thread count, not on how updates are
-grouped into calls. They also depend on whether denormal numbers are flushed to zero.
+Determinism: the bits depend on the calls, the processor model, the builds, the kernel and, with torch's, the thread
+count, not on how updates are grouped into calls; and on whether denormal numbers are flushed to zero.
 """
 
 from __future__ import annotations
@@ -157,14 +157,14 @@ class TD3:
             threads=threads,
         )
 
-    def make_room(self, free: bool) -> None:
+    def set_room(self, free: bool) -> None:
         """Tells, from any thread, whether there is a processor for a second thread of updates; at first there is.
 
         Args:
             free: True also lets one help with updates that have begun.
         """
         if self._native is not None:
-            self._native.make_room(free)
+            self._native.set_room(free)
 
     @property
     def busy(self) -> bool:

@@ -57,7 +57,7 @@ class Training:
             NonFiniteError: NaN or infinity.
         """
         self.run.clock.start()
-        with Beside(self.monitor.line, self.run.learner.make_room) as self._beside:
+        with Beside(self.monitor.line, self.run.learner.set_room) as self._beside:
             while self._move():
                 pass
 
@@ -104,7 +104,10 @@ class Training:
         run.learner.set_progress(run.plan.share(counts.steps, run.metrics.episodes))
 
     def _drive(self) -> NDArray[np.float32]:
-        """Lets the robots act and step; returns rows of replay (n, width). It touches nothing that updates use."""
+        """Lets the robots act and step; returns rows of replay (n, width).
+
+        Of counts and metrics it changes the steps and what episodes tell, updates what is owed and what they tell.
+        """
         run, sim = self.run, self.run.sim
         actions = run.exploration.explore(run.learner.act(run.encoded), sim.observations, run.counts.steps)
         run.drive(actions)

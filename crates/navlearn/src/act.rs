@@ -19,8 +19,9 @@ pub struct Acting<T> {
     actor: Actor<T>,
     /// (inputs, ROWS).
     observations: Aligned<T>,
-    /// The mirror of an observation, if answers are symmetric; and the same observations, mirrored.
-    mirror: Option<(Mirror, Aligned<T>)>,
+    /// The mirror of an observation, if answers are symmetric; the same observations, mirrored;
+    /// and the outputs for them.
+    mirror: Option<(Mirror, Aligned<T>, Vec<T>)>,
     /// Numbers in the actor's packed vector.
     size: usize,
 }
@@ -37,7 +38,7 @@ impl<T: Real> Acting<T> {
         check_layers("actor", layers, size, 1, ACTIONS)?;
         let observations = || Aligned::zeros(layers[0].inputs * ROWS);
         mirror.iter().try_for_each(|mirror| mirror.check(layers[0].inputs))?;
-        let mirror = mirror.map(|mirror| (mirror, observations()));
+        let mirror = mirror.map(|mirror| (mirror, observations(), vec![T::ZERO; ACTIONS * ROWS]));
         Ok(Self { actor: Actor::new(layers, [ROWS; 2], isa), observations: observations(), mirror, size })
     }
 
@@ -75,7 +76,7 @@ impl<T: Real> Acting<T> {
     /// Sets the actor's outputs for the present observations.
     fn forward(&mut self, parameters: Packed<'_, T>) {
         let Self { actor, observations, mirror, .. } = self;
-        let Some((mirror, mirrored)) = mirror else {
+        let Some((mirror, mirrored, others)) = mirror else {
             return actor.forward(parameters, observations);
         };
         for ((row, &from), &sign) in mirrored.chunks_exact_mut(ROWS).zip(&mirror.permutation).zip(&mirror.signs) {
@@ -84,7 +85,7 @@ impl<T: Real> Acting<T> {
             }
         }
         actor.forward(parameters, mirrored);
-        let others = actor.outputs.clone();
+        others.copy_from_slice(&actor.outputs);
         actor.forward(parameters, observations);
         // A mirrored action turns the other way.
         let signs = [T::ONE, -T::ONE];

@@ -27,7 +27,9 @@ impl Mirror {
         expect_size("columns of the mirror", self.permutation.len(), width)?;
         expect_size("signs of the mirror", self.signs.len(), width)?;
         let farthest = self.permutation.iter().copied().max().unwrap_or_default();
-        expect("a column of the mirror", farthest, farthest < width, || format!("less than {width}"))
+        expect("a column of the mirror", farthest, farthest < width, || format!("less than {width}"))?;
+        let other = self.signs.iter().find(|sign| sign.abs() != 1.0);
+        expect("a sign of the mirror", other.copied().unwrap_or(1.0), other.is_none(), || "1 or -1".into())
     }
 }
 

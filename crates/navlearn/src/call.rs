@@ -36,6 +36,15 @@ const PHASES: [Phase; 6] = [
     Phase::ActorStep,
 ];
 
+// A phase has the place of its number.
+const _: () = {
+    let mut place = 0;
+    while place < PHASES.len() {
+        assert!(PHASES[place] as usize == place);
+        place += 1;
+    }
+};
+
 /// Memory for a batch: whatever one thread may write while the other one reads something else.
 #[derive(Debug)]
 pub struct Memory<T> {
@@ -237,9 +246,10 @@ impl<'a, T: Real> Call<'a, T> {
                 let critics = self.critics.read();
                 let critics = parameters(&critics);
                 for (critic, part) in self.judged(half) {
-                    let (first, last) = (read(&values[0][part]), read(&values[settings.critics - 1][part]));
+                    let values: Vec<_> = values.iter().map(|of_critic| read(&of_critic[part])).collect();
+                    let both = [&values[0][..], &values[settings.critics - 1][..]];
                     let mut judgement = write(&judgements[critic][part]);
-                    judgement.backward(settings, Packed::new(&critics), &read(&parts[part]), [&first, &last]);
+                    judgement.backward(settings, Packed::new(&critics), &read(&parts[part]), both);
                 }
             }
             Phase::CriticStep => {

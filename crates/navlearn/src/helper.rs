@@ -46,7 +46,7 @@ impl Helper {
     }
 
     /// Tells from any thread whether there is room for the helper, also while updates are made.
-    pub fn make_room(&self, room: bool) {
+    pub fn set_room(&self, room: bool) {
         self.room.store(room, Ordering::Relaxed);
         if room { self.linger() } else { self.lingers.store(false, Ordering::Relaxed) }
     }

@@ -19,9 +19,10 @@
 //! Every matrix is stored by rows with the batch along the columns: a layer's output is (units, batch), its weight
 //! (outputs, inputs), and so it computes Y = relu(W X + b).
 //!
-//! Determinism: the same inputs give the same bits on the same processor, in one thread or two, however updates are
-//! grouped into calls and whether or not the caller flushes denormal numbers to zero; with AVX2 and FMA and with AVX-512
-//! they are the same. Where there is neither, or `NAVRL_ISA` forbids both, products round otherwise.
+//! Determinism: the same inputs give the same bits on the same processor, in one thread or two and however updates are
+//! grouped into calls; with AVX2 and FMA and with AVX-512 they are the same. Where there is neither, or `NAVRL_ISA` forbids
+//! both, products round otherwise. Parameters, targets and moments are never denormal; where errors are so small that their
+//! gradients are, the bits depend on whether the threads flush such numbers to zero, as navrl's do.
 //!
 //! Threads: two halves of a batch give the same bits as the whole, for every sum over its rows is made in two parts
 //! (`part`). Of two critics each thread takes one for all rows. What two threads write is theirs by a lock that nobody else

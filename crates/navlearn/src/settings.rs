@@ -2,6 +2,7 @@
 
 use crate::batch::{ACTIONS, Mirror, width};
 use crate::error::{Result, expect, expect_size};
+use crate::kernels::SUMS;
 use crate::layer::Layer;
 use crate::packed::Shares;
 use std::iter;
@@ -36,8 +37,6 @@ pub struct Settings {
     pub mirror: Option<Mirror>,
 }
 
-/// Numbers that are added at a time.
-const SUMMED_TOGETHER: usize = 8;
 /// Largest number of rows of a batch, by common sense.
 const BATCH_MAX: usize = 1 << 20;
 /// Largest number of units of a layer, by common sense.
@@ -49,9 +48,9 @@ impl Settings {
         self.actor[0].inputs
     }
 
-    /// Rows of a batch that are summed first: half of them, and so many that whole vectors are summed.
+    /// Rows of a batch that are summed first: half of them, rounded up to whole vectors.
     pub fn cut(&self) -> usize {
-        self.batch.div_ceil(2).next_multiple_of(SUMMED_TOGETHER).min(self.batch)
+        self.batch.div_ceil(2).next_multiple_of(SUMS).min(self.batch)
     }
 
     /// Layers of a critic.
@@ -113,22 +112,29 @@ impl Settings {
             ("critic", &self.critic, self.sizes[1], self.critics, 1),
         ];
         for (name, layers, size, count, outputs) in networks {
-            expect_size(format!("inputs of the {name}"), layers[0].inputs, self.inputs())?;
             check_layers(name, layers, size, count, outputs)?;
         }
+        expect_size("inputs of the critic", self.critic[0].inputs, self.inputs())?;
         let place = self.action_weight;
         expect("place of W_a", place, place < self.sizes[1], || format!("less than {}", self.sizes[1]))?;
         let end = self.action_weights(self.critics - 1).end;
         expect("end of W_a", end, end <= self.sizes[1], || format!("at most {}", self.sizes[1]))?;
-        for pair in self.ranges_of_critics().windows(2) {
-            let (end, next) = (pair[0].0.end, pair[1].0.start);
-            expect("place of some of the critics' parameters", next, next >= end, || format!("at least {end}"))?;
-        }
+        check_apart("critics", self.ranges_of_critics().into_iter().map(|(range, _)| range).collect())?;
         self.mirror.as_ref().map_or(Ok(()), |mirror| mirror.check(width(self.inputs())))
     }
 }
 
-/// Refuses layers that do not follow each other, end in another number of `outputs`, or lie beyond the `size` numbers of
+/// Refuses parameters that share places with others.
+fn check_apart(name: &str, mut ranges: Vec<Range<usize>>) -> Result<()> {
+    ranges.sort_unstable_by_key(|range| range.start);
+    for pair in ranges.windows(2) {
+        let (end, next) = (pair[0].end, pair[1].start);
+        expect(format!("place of some of the {name}'s parameters"), next, next >= end, || format!("at least {end}"))?;
+    }
+    Ok(())
+}
+
+/// Refuses layers that do not follow each other, share places, end in another number of `outputs`, or lie beyond the `size` numbers of
 /// their vector, in which `count` networks of them lie.
 ///
 /// # Errors
@@ -149,5 +155,7 @@ pub fn check_layers(name: &str, layers: &[Layer], size: usize, count: usize, out
         let end = last.weights().end.max(last.biases().end);
         expect(format!("end of a layer of the {name}"), end, end <= size, || format!("at most {size}"))?;
     }
-    Ok(())
+    let of_network = |number| layers.iter().map(move |layer| layer.of_critic(number));
+    let all = (0..count).flat_map(of_network).flat_map(|layer| [layer.weights(), layer.biases()]);
+    check_apart(name, all.collect())
 }

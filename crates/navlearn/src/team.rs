@@ -1,7 +1,7 @@
 //! Two threads that do the two halves of one phase of work after the other.
 //!
-//! The leader posts a phase and does its first half. Whoever comes first takes the second one, so that a helper that
-//! the machine does not run is not waited for before it has begun. Between phases both spin: they are microseconds
+//! The leader posts a phase and does its first half. Whoever comes first takes the second one, so that no phase waits for
+//! a helper that the machine does not run; the end of a call does, for it has to come and go. Between phases both spin: they are microseconds
 //! apart.
 
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -138,7 +138,7 @@ impl<T: Real> Learner<T> {
             return Ok(Updates { records, busy: patience.exhausted() });
         };
         let (team, mut waited, mut begun) = (Team::default(), Duration::ZERO, None);
-        let records = helper.beside(|start| {
+        let (records, ended) = helper.beside(|start| {
             let _end = team.until_dropped();
             let one_update = |update| {
                 call.lead(update, |phase, work| {
@@ -149,8 +149,12 @@ impl<T: Real> Learner<T> {
                     waited += team.lead(phase, work);
                 })
             };
-            (0..count).map(one_update).collect::<Result<_>>()
-        })?;
+            let records: Result<_> = (0..count).map(one_update).collect();
+            (records, Instant::now())
+        });
+        let records = records?;
+        // The helper's thread has to come and go, even if the machine let it run so late that nothing was left to do.
+        waited += ended.elapsed();
         if let Some((first, start)) = begun {
             patience.note((count - first) as u64, start.elapsed(), waited);
         }
@@ -224,6 +228,7 @@ mod tests {
 
     const INPUTS: usize = 5;
     const ROWS: usize = 50;
+    const ISAS: [Isa; 3] = [Isa::Baseline, Isa::Avx2, Isa::Avx512];
 
     fn numbers(count: usize, seed: f64) -> Vec<f32> {
         (0..count).map(|i| (seed + 2.3 * i as f64).sin() as f32 * 0.5).collect()
@@ -262,11 +267,12 @@ mod tests {
     /// What `made` makes of networks in `count` updates of a learner with so many threads.
     fn state(
         settings: &Settings,
+        isa: Isa,
         count: usize,
         threads: usize,
         made: impl FnOnce(&mut Learner<f32>, [Trained<'_, f32>; 2], Draws<'_>) -> Vec<Record>,
     ) -> (Vec<Vec<f32>>, Vec<Record>) {
-        let mut learner = Learner::new(settings.clone(), threads, Isa::detect()).unwrap();
+        let mut learner = Learner::new(settings.clone(), threads, isa).unwrap();
         let vectors = |size, seed| [numbers(size, seed), numbers(size, seed + 0.1), vec![0.0; size], vec![0.0; size]];
         let mut networks = [vectors(settings.sizes[0], 0.1), vectors(settings.sizes[1], 0.7)];
         let trained = networks.each_mut().map(|[parameters, targets, first, second]| Trained {
@@ -283,21 +289,33 @@ mod tests {
         (networks.concat(), records)
     }
 
-    /// Every update as a whole; and in halves, which a leader alone, a helper and its leader, or a helper that comes late
-    /// goes through.
+    /// Every update as a whole; and in halves, which a leader alone, two threads, or a helper that comes late goes
+    /// through.
     #[test]
     fn halves_give_the_bits_of_the_whole() {
         const COUNT: usize = 30;
-        for (batch, critics) in [(96, 2), (45, 2), (9, 1), (40, 1)] {
-            let settings = settings(batch, critics);
+        let cases = [(96, 2), (45, 2), (9, 1), (40, 1)];
+        for ((batch, critics), isa) in cases.iter().flat_map(|case| ISAS.map(|isa| (*case, isa))) {
+            let (settings, case) = (settings(batch, critics), format!("batch {batch}, {critics} critics, {isa:?}"));
             let with_threads = |threads| {
-                state(&settings, COUNT, threads, |learner, [actor, critics], draws| {
+                state(&settings, isa, COUNT, threads, |learner, [actor, critics], draws| {
                     learner.update(actor, critics, draws).unwrap().records
                 })
             };
             let whole = with_threads(1);
-            let comes_in = |phase: usize| {
-                state(&settings, COUNT, 2, |learner, networks, draws| {
+            assert!(with_threads(2) == whole, "{case}");
+            let apart = state(&settings, isa, COUNT, 2, |learner, networks, draws| {
+                let Learner { settings, isa, shares, memory, .. } = learner;
+                let call = &Call::new(settings, *isa, draws, networks, shares, memory);
+                let both = |phase: usize, work: &dyn Fn(usize)| {
+                    work(0);
+                    std::thread::scope(|scope| scope.spawn(|| call.help(phase)).join()).unwrap();
+                };
+                (0..COUNT).map(|update| call.lead(update, both).unwrap()).collect()
+            });
+            assert!(apart == whole, "{case}, each second half in another thread");
+            for phase in [1, 6, usize::MAX] {
+                let late = state(&settings, isa, COUNT, 2, |learner, networks, draws| {
                     let Learner { settings, isa, shares, memory, .. } = learner;
                     let call = Call::new(settings, *isa, draws, networks, shares, memory);
                     let (team, call) = (Team::default(), &call);
@@ -312,20 +330,36 @@ mod tests {
                         };
                         (0..COUNT).map(|update| call.lead(update, both).unwrap()).collect()
                     })
-                })
-            };
-            assert!(with_threads(2) == whole, "batch {batch}, {critics} critics");
-            for phase in [1, 6, usize::MAX] {
-                assert!(comes_in(phase) == whole, "batch {batch}, {critics} critics, a helper from phase {phase} on");
+                });
+                assert!(late == whole, "{case}, a helper from phase {phase} on");
             }
         }
+    }
+
+    #[test]
+    fn a_helper_whose_thread_comes_late_counts_as_waited_for() {
+        let settings = settings(40, 2);
+        state(&settings, Isa::detect(), Patience::WINDOW as usize, 2, |learner, [actor, critics], draws| {
+            let (helper, occupied) = (learner.helper().unwrap(), std::sync::Barrier::new(2));
+            let occupy = || {
+                occupied.wait();
+                std::thread::sleep(Duration::from_secs(2));
+            };
+            std::thread::scope(|scope| {
+                scope.spawn(|| helper.beside(|start| start.work(occupy)));
+                occupied.wait();
+                let updates = learner.update(actor, critics, draws).unwrap();
+                assert!(updates.busy);
+                updates.records
+            })
+        });
     }
 
     #[test]
     fn an_exhausted_patience_leaves_one_thread_with_the_same_bits_and_is_told() {
         let settings = settings(40, 2);
         let made = |exhausted: bool| {
-            state(&settings, 20, 2, |learner, [actor, critics], draws| {
+            state(&settings, Isa::detect(), 20, 2, |learner, [actor, critics], draws| {
                 if exhausted {
                     learner.patience.note(Patience::WINDOW, Duration::from_secs(2), Duration::from_secs(1));
                 }

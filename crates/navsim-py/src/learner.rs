@@ -10,7 +10,7 @@ use numpy::{
     Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,
     PyReadwriteArray1, PyUntypedArrayMethods,
 };
-use pyo3::exceptions::{PyArithmeticError, PyValueError};
+use pyo3::exceptions::{PyArithmeticError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -42,12 +42,15 @@ enum Core {
 struct Kernels<T> {
     updates: Mutex<navlearn::Learner<T>>,
     acting: Mutex<Acting<T>>,
+    /// Numbers in an observation.
+    inputs: usize,
 }
 
 impl<T: Real> Kernels<T> {
     fn new(settings: Settings, threads: usize, isa: Isa) -> Result<Self> {
         let acting = Acting::new(&settings.actor, settings.sizes[0], None, isa)?;
-        Ok(Self { updates: Mutex::new(navlearn::Learner::new(settings, threads, isa)?), acting: Mutex::new(acting) })
+        let (inputs, acting) = (acting.inputs(), Mutex::new(acting));
+        Ok(Self { updates: Mutex::new(navlearn::Learner::new(settings, threads, isa)?), acting, inputs })
     }
 }
 
@@ -73,10 +76,12 @@ pub(crate) fn reflection((permutation, signs): Reflection) -> Mirror {
     Mirror { permutation, signs }
 }
 
-/// The Python exception of a refusal: ValueError for sizes, ArithmeticError for NaN and infinity.
+/// The Python exception of a refusal: ValueError for sizes, ArithmeticError for NaN and infinity, RuntimeError for a
+/// thread that does not start.
 pub(crate) fn stopped(error: Error) -> PyErr {
     match error {
         Error::Size { .. } => PyValueError::new_err(error.to_string()),
+        Error::Thread { .. } => PyRuntimeError::new_err(error.to_string()),
         _ => PyArithmeticError::new_err(error.to_string()),
     }
 }
@@ -169,8 +174,7 @@ fn act<'py, T: Real + Element>(
 ) -> PyResult<Bound<'py, PyArray2<f32>>> {
     let actor: PyReadonlyArray1<'py, T> = actor.extract()?;
     let parameters = numbers("actor", &actor)?;
-    let inputs = lock(&core.acting).inputs();
-    answers(py, inputs, observations, |rows, actions| lock(&core.acting).act(parameters, rows, actions))
+    answers(py, core.inputs, observations, |rows, actions| lock(&core.acting).act(parameters, rows, actions))
 }
 
 #[pymethods]
@@ -225,9 +229,9 @@ impl Learner {
     }
 
     /// Tells, also while updates are made, whether there is a processor for their second thread; at first there is.
-    fn make_room(&self, room: bool) {
+    fn set_room(&self, room: bool) {
         if let Some(helper) = &self.helper {
-            helper.make_room(room);
+            helper.set_room(room);
         }
     }
 

@@ -310,8 +310,8 @@ class ThreadsConfig:
     simulate: Annotated[int, Field(ge=0, le=THREADS_MAX)] = 0
     """Threads that step the robots; 0: the cores less those that learn, at least 1. Never changes results."""
     learn: Annotated[int, Field(ge=0, le=THREADS_MAX)] = 0
-    """Threads of the update; 0: 2 of the native kernel, which uses no more and gives the same bits with 1, and 1 of
-    torch, where resuming bitwise needs the same number."""
+    """Threads of the update; 0: 2 of the native kernel, which uses no more and gives the same bits with 1, but 1 for
+    very small networks and batches; and 1 of torch, where resuming bitwise needs the same number."""
 
 
 @one_line

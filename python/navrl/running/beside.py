@@ -2,7 +2,8 @@
 
     with Beside(say, free) as beside: result = beside.do(aside, own)
 
-They must share nothing: then whether they run at the same time or one after the other makes no difference to any bit.
+Neither may read what the other one writes: then whether they run at the same time or one after the other makes no
+difference to any bit.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ class Beside:
             own()
         finally:
             self._wait(future)
-        if self._pairs == WINDOW:
+        if self._pairs >= WINDOW:
             self._decide()
         return future.result()
 

@@ -8,7 +8,7 @@ use crate::real::Real;
 /// The numbers in one vector of the widest instruction set.
 const LANES: usize = 16;
 /// Partial sums of a sum: few, for what costs most is to add them up.
-const SUMS: usize = 8;
+pub const SUMS: usize = 8;
 
 #[inline(always)]
 fn relu<T: Real>(z: T) -> T {

@@ -13,6 +13,7 @@ pub mod product;
 
 use crate::adam::{Step, Vectors};
 use crate::real::Real;
+pub use loops::SUMS;
 pub use navsim::cpu::Isa;
 
 /// Compiles a loop for every instruction set and calls the body that `isa` names.

@@ -206,14 +206,14 @@ mod parts {
         (1 << count) - 1
     }
 
-    /// `_mm512_fmadd_ps` of the lower halves.
+    /// `_mm512_fmadd_ps` of the lower halves; what the upper half of the result holds is never stored.
     #[target_feature(enable = "avx512f,fma")]
     pub fn fma_low_ps(a: __m512, b: __m512, c: __m512) -> __m512 {
         let [a, b, c] = [_mm512_castps512_ps256(a), _mm512_castps512_ps256(b), _mm512_castps512_ps256(c)];
         _mm512_castps256_ps512(_mm256_fmadd_ps(a, b, c))
     }
 
-    /// `_mm512_fmadd_pd` of the lower halves.
+    /// `_mm512_fmadd_pd` of the lower halves, in the same way.
     #[target_feature(enable = "avx512f,fma")]
     pub fn fma_low_pd(a: __m512d, b: __m512d, c: __m512d) -> __m512d {
         let [a, b, c] = [_mm512_castpd512_pd256(a), _mm512_castpd512_pd256(b), _mm512_castpd512_pd256(c)];
@@ -312,7 +312,8 @@ macro_rules! multiply {
     };
 }
 
-/// Whether every element of a product is summed in one order on `isa`, so that [`Sum::Onto`] keeps its promise to the
+/// Whether every element of a product is summed in one order on `isa`, whatever the other columns (which matrixmultiply
+/// does, too) and pieces of the sum, so that [`Sum::Onto`] keeps its promise to the
 /// bit.
 pub fn in_order(isa: Isa) -> bool {
     #[cfg(target_arch = "x86_64")]
@@ -330,13 +331,15 @@ multiply!(f64, matrixmultiply::dgemm, f64_avx2, f64_avx512);
 /// If the sizes do not fit each other, or B lies by columns, or the second part of a sum begins beyond its end.
 pub fn multiply<T: Multiply>(isa: Isa, a: Matrix<'_, T>, b: Matrix<'_, T>, sum: Sum, product: &mut [T]) {
     assert!(a.columns == b.rows && a.columns > 0, "inner sizes of a product");
-    assert!(a.rows > 0 && product.len() == a.rows * b.columns, "size of a product");
+    assert!(a.rows > 0 && b.columns > 0 && a.rows.checked_mul(b.columns) == Some(product.len()), "size of a product");
     assert!(b.column_stride == 1, "order of a factor");
     let cut = if let Sum::Parts(cut) = sum { cut } else { a.columns };
     assert!((1..=a.columns).contains(&cut), "parts of a sum");
     for factor in [a, b] {
-        let last = (factor.rows - 1) * factor.row_stride + (factor.columns - 1) * factor.column_stride;
-        assert!(last < factor.values.len(), "size of a factor");
+        let [down, across] = [(factor.rows, factor.row_stride), (factor.columns, factor.column_stride)]
+            .map(|(count, stride)| (count - 1).checked_mul(stride));
+        let last = down.zip(across).and_then(|(down, across)| down.checked_add(across));
+        assert!(last.is_some_and(|last| last < factor.values.len()), "size of a factor");
     }
     let sizes = Sizes {
         rows: a.rows,
