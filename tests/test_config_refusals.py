@@ -183,8 +183,8 @@ COMBINATIONS = {
     "[replay]\ncapacity = 95": "replay.capacity = 95: must be at least learner.batch_size = 96",
     "[replay]\ncapacity = 2815": "must be at least num_envs x (n_step + delayed_steps) = 2816",
     "[learner]\ndelayed_steps = 4000": "must be at least num_envs x (n_step + delayed_steps) = 1026816",
-    "[lidar]\nmount = [0.1, 0.2, 0]": "learner.mirror = true: must be false for a lidar that is not symmetric",
-    "[lidar]\nmount = [0, 0, 0.1]": "lidar.mount has y = 0.0, yaw = 0.1",
+    "[lidar]\nmount = [0.1, 0.2, 0]": "learner.mirror = true: must be false where a scan has no mirror image: the",
+    "[lidar]\nmount = [0, 0, 0.1]": "the lidar is mounted at y = 0.0, yaw = 0.1",
     "[lidar]\nbeams = 61": "of 61 beams one lies exactly between two of 20 bins",
 }
 

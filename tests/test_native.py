@@ -346,6 +346,7 @@ def test_actions_are_torchs_and_each_its_own(dtype: torch.dtype) -> None:
     np.testing.assert_allclose(actions, plain.act(rows), rtol=0.0, atol=1e-6)
     for first, last in ((0, 1), (63, 66), (5, 200)):
         assert native.act(rows[first:last].copy()).tobytes() == actions[first:last].tobytes()
+    assert native.act(np.asfortranarray(rows)).tobytes() == actions.tobytes()
 
 
 def _arguments(td3: TD3) -> dict[str, object]:
@@ -380,6 +381,7 @@ def test_binding_refuses_arrays_that_do_not_fit() -> None:
         (ValueError, "noise: expected a C-contiguous", {"noise": np.zeros(28, np.float32)[::2]}),
         (ValueError, "columns of replay", {"replay": td3.replay.rows[:, :-1].copy()}),
         (ValueError, "replay: expected a C-contiguous", {"replay": td3.replay.rows[:, ::2]}),
+        (ValueError, "replay: expected a C-contiguous", {"replay": np.asfortranarray(td3.replay.rows)}),
         (TypeError, "indices", {"indices": np.zeros(7, np.int32)}),
         (TypeError, "replay", {"replay": td3.replay.rows.astype(np.float64)}),
         (TypeError, None, {"actor": [vector.astype(np.float64) for vector in vectors]}),

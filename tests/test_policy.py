@@ -3,8 +3,10 @@
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
@@ -334,7 +336,7 @@ def test_the_simulators_own_beams_fall_into_its_own_bins() -> None:
     """Beam i belongs to bin floor((2 i + 1) bins / (2 beams)), also where bins and beams do not divide."""
     for beams, bins in ((180, 20), (181, 20), (37, 7), (360, 24), (5, 2)):
         for fov in (math.pi, 1.5 * math.pi, 2 * math.pi):
-            policy = recorder(described(beams=beams, bins=bins, fov=fov))
+            policy = recorder(described(beams=beams, bins=bins, fov=fov, symmetric=False))
             width = fov / beams
             ranges = np.random.default_rng(beams).uniform(0.5, 9.0, beams).astype(np.float32)
             policy.command(ranges, -0.5 * fov + 0.5 * width, width, (3.0, 0.0), (0.0, 0.0))
@@ -524,13 +526,48 @@ def test_what_is_no_policy_is_named(tmp_path: Path) -> None:
         ({"bins": 200}, "beams = 180: expected at least bins = 200"),
         ({"fov": 7.0}, "fov = 7.0: expected at most 2 pi"),
         ({"footprint": {"kind": "disc"}}, "footprint = .*: expected a disc or a rectangle"),
-        ({"encoding": "other"}, "encoding = other"),
-        ({"mount": (0.0, 0.0)}, "mount"),
+        ({"encoding": "other"}, 'encoding = "other": expected "inverse" or "raw"'),
+        ({"mount": (0.0, 0.0)}, r"mount = \[0.0, 0.0\]: expected \[x, y, yaw\]"),
+        ({"symmetric": "false"}, 'symmetric = "false": expected true or false'),
+        ({"symmetric": 1}, "symmetric = 1: expected true or false"),
+        ({"v_max": None}, "v_max = .*: expected a finite number"),
+        ({"noise": NAN}, "noise = nan: expected a finite number"),
+        ({"beams": 10**400}, "beams = .*: expected a whole number"),
+        ({"bins": True}, "bins = true: expected a whole number"),
+        ({"hidden_sizes": (16.0, 17.0)}, "hidden_sizes = .*: expected widths"),
+        ({"beams": 181, "symmetric": True}, "symmetric = true: expected false where .* lies exactly between two"),
+        ({"mount": (0.0, 0.2, 0.0), "symmetric": True}, "the lidar is mounted at y = 0.2"),
     ],
 )
 def test_descriptions_of_no_robot_are_refused(change: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         described(**change)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a_fork_acts_while_another_thread_did() -> None:
+    """What a thread had in its hands as its process was forked is not waited for in the child."""
+    policy = random_policy()
+    many, done = random_observations(4000), threading.Event()
+
+    def act() -> None:
+        while not done.is_set():
+            policy.act(many)
+
+    thread = threading.Thread(target=act)
+    thread.start()
+    try:
+        for _ in range(5):
+            child = os.fork()
+            if child == 0:
+                signal.alarm(20)
+                policy.act(many[:1])
+                os._exit(0)
+            assert os.waitpid(child, 0)[1] == 0
+    finally:
+        done.set()
+        thread.join()
 
 
 def test_nothing_heavy_is_imported() -> None:

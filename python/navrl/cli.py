@@ -169,7 +169,7 @@ def _add_train(commands: Any) -> None:  # noqa: ANN401 - argparse hides the type
     length = train.add_mutually_exclusive_group()
     length.add_argument("--steps", metavar="N", help="environment steps; with --resume the new total")
     length.add_argument("--episodes", metavar="N", help="episodes")
-    train.add_argument("--until", metavar="X", help="stop once a validation reaches this success rate")
+    train.add_argument("--until", metavar="X", help="stop once two validations in a row reach this success rate")
     train.add_argument("--algorithm", metavar="A", help="td3 or ddpg")
     train.add_argument("--init", metavar="POLICY", help="start from this policy's actor")
     train.add_argument("--no-test", action="store_true", help="skip the test after training")

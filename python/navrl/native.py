@@ -189,7 +189,7 @@ class NativeLearner:
         Returns:
             (N, 2) float32 in [-1, 1]; those of a row do not depend on the others.
         """
-        return self._kernel.act(actor=actor, observations=encoded)
+        return self._kernel.act(actor=actor, observations=np.ascontiguousarray(encoded))
 
 
 def _place(weight: nn.Parameter, bias: nn.Parameter) -> tuple[int, int, int, int]:

@@ -6,14 +6,15 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from navrl.encoding import Encoding, encoded_size
-from navrl.errors import UserError
+from navrl.errors import UserError, shown
 from navrl.rebin import LidarLayout
+from navrl.symmetry import why_asymmetric
 
 if TYPE_CHECKING:
     from navrl.config import Config, SimConfig, WorldConfig
@@ -28,6 +29,41 @@ LIDAR_KEYS = ("beams", "bins", "fov", "range_min", "range_max", "noise", *LIDAR_
 TASK_KEYS = ("goal_radius", "collision", "sensor_range")
 SIZES = {"disc": ("radius",), "rectangle": ("length", "width")}
 """Keys of a footprint by its kind."""
+
+
+UNITS_MAX = 1 << 20
+"""Widest layer, by common sense."""
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 1 << 31
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and -1e300 < value < 1e300
+
+
+def _are_widths(value: object) -> bool:
+    return isinstance(value, tuple) and all(_is_whole(width) and 1 <= width <= UNITS_MAX for width in value)
+
+
+def _is_pose(value: object) -> bool:
+    return isinstance(value, tuple) and len(value) == 3 and all(map(_is_number, value))
+
+
+def _is_footprint(value: object) -> bool:
+    return isinstance(value, dict) and all(key == "kind" or _is_number(size) for key, size in value.items())
+
+
+_TYPES: dict[str, tuple[Callable[[object], bool], str]] = {
+    "int": (_is_whole, "a whole number"),
+    "float": (_is_number, "a finite number"),
+    "bool": (lambda value: isinstance(value, bool), "true or false"),
+    "tuple[int, ...]": (_are_widths, f"widths in [1, {UNITS_MAX}]"),
+    "tuple[float, float, float]": (_is_pose, "[x, y, yaw]"),
+    "dict[str, Any]": (_is_footprint, "a disc or a rectangle"),
+}
+"""What the values of a field have to be, by the type that it is declared with."""
 
 
 class PolicyError(UserError, ValueError):
@@ -97,20 +133,25 @@ class PolicyDescription:
         Raises:
             ValueError: Names the first key at fault.
         """
+        for field in dataclasses.fields(self):
+            fits, expected = _TYPES.get(str(field.type), (lambda _: True, ""))
+            if not fits(getattr(self, field.name)):
+                raise ValueError(f"{field.name} = {shown(getattr(self, field.name))}: expected {expected}")
         positive = ("v_max", "omega_max", "fov", "range_max", "period_s", "time_limit_s", "goal_radius", "bins")
         kind = str(self.footprint.get("kind"))
         for key, fits, expected in (
             ("encoding", self.encoding in ("inverse", "raw"), '"inverse" or "raw"'),
-            ("hidden_sizes", all(size >= 1 for size in self.hidden_sizes), "widths >= 1"),
             *((key, 0 < getattr(self, key) < math.inf, "> 0") for key in positive),
             ("fov", self.fov <= 2 * math.pi, "at most 2 pi rad"),
             ("beams", self.beams >= self.bins, f"at least bins = {self.bins}"),
             ("range_min", 0 <= self.range_min < self.range_max, f"in [0, range_max = {self.range_max})"),
-            ("mount", len(self.mount) == 3 and all(map(math.isfinite, self.mount)), "[x, y, yaw]"),
             ("footprint", {"kind", *SIZES.get(kind, ())} == set(self.footprint) > {"kind"}, "a disc or a rectangle"),
         ):
             if not fits:
-                raise ValueError(f"{key} = {getattr(self, key)}: expected {expected}")
+                raise ValueError(f"{key} = {shown(getattr(self, key))}: expected {expected}")
+        why = why_asymmetric(self.beams, self.bins, self.mount) if self.symmetric else None
+        if why is not None:
+            raise ValueError(f"symmetric = true: expected false where a scan has no mirror image: {why}")
 
     @classmethod
     def from_config(cls, config: Config, scores: dict[str, Any] | None = None) -> PolicyDescription:

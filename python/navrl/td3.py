@@ -205,13 +205,15 @@ class TD3:
             Their metrics.
 
         Raises:
-            ValueError: If replay is empty.
+            ValueError: If replay is empty, or `count` less than 1.
             NonFiniteError: If a loss or a parameter is NaN or infinite after the call, or with the native kernel before
                 it. The networks are of no more use then; what was saved before the call is sound, for every call
                 before this one ended finite.
         """
         if self.replay.size == 0:
             raise ValueError("no rows in replay to learn from")
+        if count < 1:
+            raise ValueError(f"count = {count}: expected at least 1 update")
         if self._native is not None:
             return self._update_natively(self._native, count)
         errors, values, actor_losses, outputs = [], [], [], []
@@ -352,6 +354,10 @@ class TD3:
             saved = state[name].shape if name in state else None
             if saved != tuple(tensor.shape):
                 raise ValueError(f"saved {name} has shape {saved}, this run needs {tuple(tensor.shape)}")
+        others = [*(f"streams.{name}" for name in self._streams), "updates", "actor_updates", "progress"]
+        missing = [name for name in others if name not in state]
+        if missing:
+            raise ValueError(f"saved state lacks {missing[0]}")
         for name, generator in self._streams.items():
             restore_stream(generator, state[f"streams.{name}"].astype(np.uint64))
         for name, tensor in tensors.items():

@@ -14,7 +14,7 @@ use crate::settings::check_layers;
 const ROWS: usize = 64;
 
 /// Memory to act with.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Acting<T> {
     actor: Actor<T>,
     /// (inputs, ROWS).

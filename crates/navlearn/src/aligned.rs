@@ -15,13 +15,26 @@ pub struct Aligned<T> {
     count: usize,
 }
 
+impl<T> Aligned<T> {
+    /// The first `count` of some numbers that begin at a line, of which there are more.
+    fn of(numbers: Vec<T>, count: usize) -> Self {
+        let first = numbers.as_ptr().align_offset(LINE).min(numbers.len() - count);
+        Self { numbers, first, count }
+    }
+}
+
 impl<T: Real> Aligned<T> {
     /// So many zeros.
     pub fn zeros(count: usize) -> Self {
-        let spare = LINE / size_of::<T>();
-        let numbers = vec![T::ZERO; count + spare];
-        let first = numbers.as_ptr().align_offset(LINE).min(spare);
-        Self { numbers, first, count }
+        Self::of(vec![T::ZERO; count + LINE / size_of::<T>()], count)
+    }
+}
+
+impl<T: Clone> Clone for Aligned<T> {
+    fn clone(&self) -> Self {
+        let mut copy = Self::of(self.numbers.clone(), self.count);
+        copy.clone_from_slice(self);
+        copy
     }
 }
 
@@ -48,8 +61,11 @@ mod tests {
         for count in [0, 1, 7, 100, 4097] {
             let (mut singles, doubles) = (Aligned::<f32>::zeros(count), Aligned::<f64>::zeros(count));
             singles.fill(1.0);
+            assert_eq!(singles.clone()[..], singles[..]);
             assert_eq!((singles.len(), doubles.len()), (count, count));
-            assert_eq!(singles.as_ptr().addr() % LINE + doubles.as_ptr().addr() % LINE, 0);
+            for place in [singles.as_ptr().addr(), singles.clone().as_ptr().addr(), doubles.as_ptr().addr()] {
+                assert_eq!(place % LINE, 0);
+            }
         }
     }
 }

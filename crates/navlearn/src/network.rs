@@ -13,7 +13,7 @@ use crate::real::Real;
 use std::ops::Range;
 
 /// Working memory of one batch in hidden layers.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Memory<T> {
     /// Rows of the batch, and how many of them are summed first in the gradients of weights and biases.
     sizes: [usize; 2],
@@ -37,7 +37,7 @@ impl<T: Real> Memory<T> {
 }
 
 /// The actor.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Actor<T> {
     hidden: Vec<Layer>,
     output: Layer,

@@ -2,18 +2,37 @@
 
 use crate::arguments::refusal;
 use crate::learner::{Place, Reflection, layers, numbers, reflection, stopped};
-use navlearn::{ACTIONS, Acting, Isa, Result};
+use navlearn::{ACTIONS, Acting, Isa, Real, Result};
 use numpy::{PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
+
+/// What answers several threads at once: whoever finds its memory in use, or left in use by a thread that a fork did not
+/// take along, takes memory of its own.
+pub(crate) struct Asked<T> {
+    usual: Mutex<Acting<T>>,
+    another: Acting<T>,
+}
+
+impl<T: Real> Asked<T> {
+    pub(crate) fn new(acting: Acting<T>) -> Self {
+        Self { usual: Mutex::new(acting.clone()), another: acting }
+    }
+
+    fn act(&self, parameters: &[T], observations: &[f32], actions: &mut [f32]) -> Result<()> {
+        match self.usual.try_lock() {
+            Ok(mut acting) => acting.act(parameters, observations, actions),
+            Err(_) => self.another.clone().act(parameters, observations, actions),
+        }
+    }
+}
 
 /// A trained actor; see navrl.policy.
 #[pyclass(module = "navrl._navsim", frozen)]
 pub struct Actor {
-    inputs: usize,
     parameters: Vec<f32>,
-    acting: Mutex<Acting<f32>>,
+    asked: Asked<f32>,
 }
 
 #[pymethods]
@@ -24,7 +43,7 @@ impl Actor {
         let parameters = numbers("parameters", &parameters)?.to_vec();
         let isa = Isa::current().map_err(refusal)?;
         let acting = Acting::new(&layers(places), parameters.len(), mirror.map(reflection), isa).map_err(stopped)?;
-        Ok(Self { inputs: acting.inputs(), parameters, acting: Mutex::new(acting) })
+        Ok(Self { parameters, asked: Asked::new(acting) })
     }
 
     /// Actions (n, 2) for observations (n, inputs).
@@ -33,28 +52,26 @@ impl Actor {
         py: Python<'py>,
         observations: PyReadonlyArray2<'py, f32>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        answers(py, self.inputs, &observations, |rows, actions| {
-            let mut acting = self.acting.lock().unwrap_or_else(PoisonError::into_inner);
-            acting.act(&self.parameters, rows, actions)
-        })
+        answers(py, &self.asked, &self.parameters, &observations)
     }
 }
 
-/// Actions (n, 2) for observations (n, inputs) by what `act` makes of them, without the interpreter's lock.
-pub(crate) fn answers<'py>(
+/// Actions (n, 2) for observations (n, inputs), without the interpreter's lock.
+pub(crate) fn answers<'py, T: Real>(
     py: Python<'py>,
-    inputs: usize,
+    asked: &Asked<T>,
+    parameters: &[T],
     observations: &PyReadonlyArray2<'py, f32>,
-    act: impl FnOnce(&[f32], &mut [f32]) -> Result<()> + Send,
 ) -> PyResult<Bound<'py, PyArray2<f32>>> {
-    let (rows, width) = (numbers("observations", observations)?, observations.shape()[1]);
+    let (rows, width, inputs) =
+        (numbers("observations", observations)?, observations.shape()[1], asked.another.inputs());
     if width != inputs {
         return Err(PyValueError::new_err(format!("observations: expected {inputs} columns, got {width}")));
     }
     let actions = PyArray2::zeros(py, [observations.shape()[0], ACTIONS], false);
     let mut borrowed = actions.readwrite();
     let result = borrowed.as_slice_mut()?;
-    py.detach(|| act(rows, result)).map_err(stopped)?;
+    py.detach(|| asked.act(parameters, rows, result)).map_err(stopped)?;
     drop(borrowed);
     Ok(actions)
 }

@@ -1,6 +1,6 @@
 //! The learner's updates for Python.
 
-use crate::actor::answers;
+use crate::actor::{Asked, answers};
 use crate::arguments::{copy_mask, refusal};
 use navlearn::{
     Acting, Draws, Error, Helper, Isa, Layer, Mirror, Real, Record, Result, Settings, Trained, Updates, Vectors,
@@ -41,16 +41,13 @@ enum Core {
 /// What makes updates, and what acts: one beside the other, from two threads.
 struct Kernels<T> {
     updates: Mutex<navlearn::Learner<T>>,
-    acting: Mutex<Acting<T>>,
-    /// Numbers in an observation.
-    inputs: usize,
+    asked: Asked<T>,
 }
 
 impl<T: Real> Kernels<T> {
     fn new(settings: Settings, threads: usize, isa: Isa) -> Result<Self> {
         let acting = Acting::new(&settings.actor, settings.sizes[0], None, isa)?;
-        let (inputs, acting) = (acting.inputs(), Mutex::new(acting));
-        Ok(Self { updates: Mutex::new(navlearn::Learner::new(settings, threads, isa)?), acting, inputs })
+        Ok(Self { updates: Mutex::new(navlearn::Learner::new(settings, threads, isa)?), asked: Asked::new(acting) })
     }
 }
 
@@ -118,7 +115,10 @@ pub(crate) fn numbers<'a, T: Element, D: Dimension>(
     name: &str,
     array: &'a PyReadonlyArray<'_, T, D>,
 ) -> PyResult<&'a [T]> {
-    array.as_slice().map_err(|_| PyValueError::new_err(format!("{name}: expected a C-contiguous array")))
+    match array.as_slice() {
+        Ok(row_by_row) if array.is_c_contiguous() => Ok(row_by_row),
+        _ => Err(PyValueError::new_err(format!("{name}: expected a C-contiguous array"))),
+    }
 }
 
 fn borrowed<'py, T: Element>(arrays: &Arrays<'py, T>) -> PyResult<Vec<PyReadwriteArray1<'py, T>>> {
@@ -174,7 +174,7 @@ fn act<'py, T: Real + Element>(
 ) -> PyResult<Bound<'py, PyArray2<f32>>> {
     let actor: PyReadonlyArray1<'py, T> = actor.extract()?;
     let parameters = numbers("actor", &actor)?;
-    answers(py, core.inputs, observations, |rows, actions| lock(&core.acting).act(parameters, rows, actions))
+    answers(py, &core.asked, parameters, observations)
 }
 
 #[pymethods]

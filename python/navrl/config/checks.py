@@ -8,6 +8,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from navrl.errors import ConfigError, shown
+from navrl.symmetry import why_asymmetric
 
 if TYPE_CHECKING:
     from navrl.config import Config, SimConfig
@@ -109,10 +110,6 @@ def _check_replay(config: "Config") -> None:
 
 def _check_mirror(config: "Config") -> None:
     lidar = config.lidar
-    _, y, yaw = lidar.mount
-    expected = f"false for a lidar that is not symmetric: lidar.mount has y = {y}, yaw = {yaw}"
-    _require(config, "learner.mirror", y == 0.0 and yaw == 0.0, expected, "lidar.mount")
-    # A beam exactly between two bins counts for the left one only, so its mirror image would differ.
-    between = any((2 * beam + 1) * lidar.bins % (2 * lidar.beams) == 0 for beam in range(lidar.beams))
-    expected = f"false: of {lidar.beams} beams one lies exactly between two of {lidar.bins} bins: no mirror image"
-    _require(config, "learner.mirror", not between, expected, "lidar.beams", "lidar.bins")
+    why = why_asymmetric(lidar.beams, lidar.bins, lidar.mount)
+    others = ("lidar.mount", "lidar.beams", "lidar.bins")
+    _require(config, "learner.mirror", why is None, f"false where a scan has no mirror image: {why}", *others)

@@ -146,7 +146,7 @@ class Checkpoints:
 
     def numbers(self) -> list[int]:
         """Numbers of the complete checkpoints, oldest first."""
-        return sorted(int(path.name) for path in _entries(self.folder) if path.name.isdigit())
+        return sorted(int(path.name) for path in _entries(self.folder) if path.name.isascii() and path.name.isdigit())
 
     def newest(self) -> Saved:
         """Reads the newest checkpoint.
