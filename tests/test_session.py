@@ -182,7 +182,7 @@ def test_actions_that_are_not_finite_are_no_mistake_of_the_users(
 
 def test_what_the_core_refuses_is_said_in_its_own_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_module, "cores", lambda: 384)
-    with pytest.raises(UserError, match=r"^num_threads = 382: expected"):
+    with pytest.raises(UserError, match=r"^num_threads = 383: expected"):
         train(small("fast"), tmp_path / "run", test=False)
 
 
